@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import statistics
 import subprocess
 import sys
@@ -22,11 +23,33 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-OPTICS = "photosite_optics: 1\nf_number: 8\nfocal_length_mm: 50\nblur: {kind: wavefront, zernike: {8: 50}, unit: nm}\n"
+INPUTS = {
+    "lens.optics.yaml": "photosite_optics: 1\nf_number: 8\nfocal_length_mm: 50\n"
+    "blur: {kind: wavefront, zernike: {8: 50}, unit: nm}\n",
+    "pixels.sweep.yaml": "photosite_sweep: 1\n"
+    "camera: {sensor: google-pixel-4a, optics: {f_number: 2.8, focal_length_mm: 4}}\n"
+    "values:\n  pixel_width_um: [0.8, 1.0, 1.4, 2.0, 3.0]\n  f_number: [1.8, 2.8, 4]\n"
+    "measure: {snr: {luminance_cd_m2: 5, exposure: 1/15}}\n",
+}
+MADE = (
+    "simulate -o shot.dng",
+    "simulate --seed 2 -o other.dng",
+    "simulate --scene slanted-edge --cells 3 --exposure auto -o edge.dng",
+    "sensors export nikon-d200 -o own.sensor.yaml",
+    "shoot --rows 648 --cols 968 -o stack",
+    "export nikon-d200 libcamera -o tuning.json",
+)
+"""Commands that make inputs of others."""
+
+PAIRS = "pairs"
+"""The folder of training pairs, which is made anew in each run: complete ones are kept."""
+
 COMMANDS = {
     "--help": "--help",
     "sensors list": "sensors list",
     "sensors show": "sensors show nikon-d200",
+    "sensors check": "sensors check own.sensor.yaml",
+    "sensors compare": "sensors compare nikon-d200 sony-imx571",
     "scenes list": "scenes list",
     "scenes show": "scenes show macbeth",
     "optics check": "optics check lens.optics.yaml",
@@ -34,6 +57,17 @@ COMMANDS = {
     "simulate": "simulate -o shot.dng --force",
     "simulate, preview": "simulate -o shot.dng --preview shot.png --force",
     "develop": "develop shot.dng -o developed.png --force",
+    "mtf": "mtf edge.dng",
+    "measure, ColorChecker": "measure shot.dng --chart macbeth",
+    "measure, edge": "measure edge.dng --chart slanted-edge",
+    "validate": "validate shot.dng other.dng",
+    "plan": "plan --rows 1000 --cols 1500 --want prnu_percent=2%",
+    "shoot": "shoot --rows 648 --cols 968 -o stack --force",
+    "export": "export nikon-d200 libcamera -o tuning.json --force",
+    "import": "import tuning.json",
+    "sweep": "sweep pixels.sweep.yaml -o pixels.csv --force",
+    "dataset": "dataset macbeth --crop 256x256 --crops 16 -o pairs",
+    "calibrate, 405 frames of 648 x 968 pixels": "calibrate stack",
 }
 FILES = {
     "photosite.frames.io.formats": ("read_raw", "write_raw", "read_headers", "read_frame"),
@@ -119,6 +153,7 @@ def _environment(source: Path) -> dict[str, str]:
 def timed_run(source: Path, arguments: list[str], folder: Path) -> tuple[float, float]:
     """Return wall and processor time of a command as a process."""
     environment = _environment(source)
+    shutil.rmtree(folder / PAIRS, ignore_errors=True)
     start = time.perf_counter()
     with open(os.devnull, "w") as nowhere:
         process = subprocess.Popen(
@@ -134,6 +169,7 @@ def timed_run(source: Path, arguments: list[str], folder: Path) -> tuple[float, 
 def measured_parts(source: Path, arguments: list[str], folder: Path) -> dict[str, float]:
     """Return the time of the parts of one run."""
     environment = _environment(source)
+    shutil.rmtree(folder / PAIRS, ignore_errors=True)
     command = [sys.executable, __file__, "--trace", "parts.json", *arguments]
     subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
     found: dict[str, float] = json.loads((folder / "parts.json").read_text())
@@ -161,8 +197,10 @@ def main() -> None:
     print(f"| command |{columns} imports | kernels | files | computation | modules |")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "lens.optics.yaml").write_text(OPTICS)
-        timed_run(own, commands.get("simulate", COMMANDS["simulate"].split()), folder)
+        for name, text in INPUTS.items():
+            (folder / name).write_text(text)
+        for line in MADE:
+            timed_run(own, line.split(), folder)
         for command, line in commands.items():
             for tree in trees:
                 timed_run(tree, line, folder)
