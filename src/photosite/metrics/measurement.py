@@ -63,6 +63,8 @@ class Curve(Shown):
         (n,) values.
     standard_uncertainty
         (n,) of `y`; None where it is not known.
+    joined
+        Whether the values are those of one curve; if not, they are drawn as points.
     """
 
     part: str
@@ -71,6 +73,7 @@ class Curve(Shown):
     x: Array
     y: Array
     standard_uncertainty: Array | None = None
+    joined: bool = True
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields, for JSON; values that are not finite are None."""
@@ -125,6 +128,9 @@ class Result(Tabular, Diagnosed):
         Curves and maps over the frame.
     diagnostics
         Limitations of the result.
+    outlines
+        (corners, 2) rows and columns of the parts of the image that were measured, where these are not the chart's
+        patches.
     measurement
         The entry of the registry; set by the registry.
 
@@ -139,6 +145,7 @@ class Result(Tabular, Diagnosed):
     curves: tuple[Curve, ...] = ()
     maps: tuple[FieldMap, ...] = ()
     diagnostics: tuple[Diagnostic, ...] = ()
+    outlines: tuple[Array, ...] = ()
     measurement: Measurement | None = field(default=None, repr=False)
 
     def __getitem__(self, name: str | tuple[str, str]) -> Estimate:
@@ -191,6 +198,7 @@ class Result(Tabular, Diagnosed):
             "curves": [curve.to_dict() for curve in self.curves],
             "maps": [each.to_dict() for each in self.maps],
             "diagnostics": [entry.to_dict() for entry in self.diagnostics],
+            "outlines": [outline.tolist() for outline in self.outlines],
         }
 
     def rows(self) -> list[tuple[Cell, ...]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pillow
@@ -33,7 +35,6 @@ from photosite.report.page import (
 )
 from photosite.report.tables import format_estimate, interval_text
 from photosite.values.estimate import Estimate
-from photosite.values.region import Patch, Quadrilateral
 from photosite.values.uncertain import Missing
 
 _FOOTER = "Intervals contain the true value in 95 % of measurements."
@@ -88,7 +89,8 @@ def _section(result: Result) -> Section:
     for number, figure in enumerate(curve_figures(result)):
         curve = next(c for c in result.curves if (c.x_label, c.y_label) == list(_axes(result))[number])
         label = f"{curve.y_label.removeprefix('log ')} over {curve.x_label.removeprefix('log ')}"
-        banded = "; the bands are 95 % intervals" if curve.standard_uncertainty is not None else ""
+        drawn = "bands" if curve.joined else "error bars"
+        banded = f"; the {drawn} are 95 % intervals" if curve.standard_uncertainty is not None else ""
         blocks.append(figure_block(figure, label, f"{sentence(label)[:-1]}{banded}."))
     for found in result.maps:
         blocks.append(figure_block(map_figure(found), f"{found.label} over {_over(found)}", sentence(found.label)))
@@ -152,7 +154,7 @@ def value_text(estimate: Estimate) -> str:
 
 
 def _picture(quality: ImageQuality) -> Images:
-    """Return the first frame with the outlines of the chart and its patches."""
+    """Return the first frame with the outlines of what was measured."""
     image = quality.image
     planes = [image.plane(name)[0] for name in ("R", "G", "B")] if image.origin == "picture" else [_gray(quality)] * 3
     light = np.stack(planes, axis=-1)
@@ -160,12 +162,14 @@ def _picture(quality: ImageQuality) -> Images:
     factor = -(-light.shape[1] // WIDEST)
     whole = Pillow.fromarray(np.rint(srgb_from_light(shrink(light.astype(np.float32))) * 255.0).astype(np.uint8))
     draw = ImageDraw.Draw(whole)
-    for outline in (quality.chart.corners, *map(_corners, quality.chart.patches)):
+    results = (result for result in quality.results.values() if isinstance(result, Result))
+    outlines: list[Any] = [outline for result in results for outline in result.outlines]
+    for outline in outlines or [quality.chart.corners, *(patch.corners for patch in quality.chart.patches)]:
         points = [(col / factor, row / factor) for row, col in outline]
         for width, color in ((3, "black"), (1, "white")):
             draw.line([*points, points[0]], fill=color, width=width)
     content = jpeg_bytes(np.asarray(whole, dtype=np.float32) / np.float32(255.0))
-    caption = "The first frame with the outlines of the chart and of the measured parts of its patches; check them."
+    caption = "The first frame with the outlines of the chart and of the measured parts; check them."
     return Images((Image(content, "image/jpeg", "Frame with the outlines of the chart"),), caption)
 
 
@@ -177,9 +181,3 @@ def _gray(quality: ImageQuality) -> NDArray[np.float64]:
     rows, cols = values.shape[0] // down * down, values.shape[1] // along * along
     tiles = values[:rows, :cols].reshape(rows // down, down, cols // along, along).mean(axis=(1, 3))
     return np.asarray(tiles.repeat(down, axis=0).repeat(along, axis=1))
-
-
-def _corners(patch: Patch) -> tuple[tuple[float, float], ...]:
-    if isinstance(patch, Quadrilateral):
-        return patch.corners
-    return (patch.r0, patch.c0), (patch.r0, patch.c1), (patch.r1, patch.c1), (patch.r1, patch.c0)

@@ -53,6 +53,11 @@ class Region(Shown):
         """(rows, cols)."""
         return self.r1 - self.r0, self.c1 - self.c0
 
+    @property
+    def corners(self) -> Corners:
+        """(row, column) of the corners: top left, top right, bottom right, bottom left."""
+        return (self.r0, self.c0), (self.r0, self.c1), (self.r1, self.c1), (self.r1, self.c0)
+
     def inside(self) -> NDArray[np.bool_]:
         """Return the pixels inside: (rows, cols), all true."""
         return np.ones(self.shape, dtype=np.bool_)

@@ -121,6 +121,19 @@ def test_edges_that_are_not_measured_are_named() -> None:
     assert entry.size == 4
     assert np.isnan(result.maps[0].values[0, 0])
     assert np.isfinite(result.maps[0].values).sum() == 11
+    assert len(result.outlines) == 44
+
+
+def test_outlines_have_an_edge_each() -> None:
+    image = virtual_squares(np.random.default_rng(8), SIZE).electrons
+    outlines = measured(image)["sfr-map"].outlines
+    assert len(outlines) == 48
+    for outline in outlines:
+        (top, left), (bottom, right) = outline.min(axis=0).astype(int), outline.max(axis=0).astype(int)
+        inside = image[top:bottom, left:right]
+        low, high = np.percentile(inside, [10, 90])
+        assert 0.25 < np.mean(inside > 0.5 * (low + high)) < 0.75
+        assert high > 2.0 * low
 
 
 def test_a_lens_whose_blur_grows_over_the_field() -> None:

@@ -45,11 +45,12 @@ _LEVEL = 0.5
 
 @dataclass(frozen=True, eq=False)
 class _FieldEdge:
-    """An edge, its square, its center relative to the middle of the frame in half diagonals, and its MTF50."""
+    """An edge, its square, its center relative to the middle of the frame in half diagonals, its region and MTF50."""
 
     square: SeenSquare
     vertical: bool
     at: Array
+    region: Region
     edge: SlantedEdge
     mtf50: Uncertain
 
@@ -80,7 +81,8 @@ def _measure(
     if reasons:
         text = f"{len(reasons)} of {len(found)} edges were not measured; the first: {reasons[0]}"
         diagnostics.append(EDGES_LEFT_OUT(text, float(len(reasons))))
-    return Result(_values(edges), tuple(_curves(edges)), tuple(_maps(edges)), tuple(diagnostics))
+    outlines = tuple(np.array(each.region.corners, dtype=np.float64) for each in edges)
+    return Result(_values(edges), tuple(_curves(edges)), tuple(_maps(edges)), tuple(diagnostics), outlines)
 
 
 def _field_edge(image: ChartImage, channel: str, square: SeenSquare, number: int, options: EdgeOptions) -> _FieldEdge:
@@ -95,12 +97,13 @@ def _field_edge(image: ChartImage, channel: str, square: SeenSquare, number: int
     inside = r0 >= 0 and c0 >= 0 and r1 <= image.shape[0] and c1 <= image.shape[1]
     if not inside:
         raise InputError("surroundings of the edge", expected="inside the frame")
-    edge = measured_edge(image, Region("edge", int(r0), int(r1), int(c0), int(c1)), channel, options)[0]
+    region = Region("edge", int(r0), int(r1), int(c0), int(c1))
+    edge = measured_edge(image, region, channel, options)[0]
     if (mtf50 := edge.crossing(_LEVEL)) is None:
         raise InputError("response", value=float(edge.mtf.min()), expected=f"below {_LEVEL} up to 1 cycle/pixel")
     middle = 0.5 * np.array(image.shape)
     at = (0.5 * (start + end) - middle) / float(np.hypot(*middle))
-    return _FieldEdge(square, vertical, at, edge, mtf50)
+    return _FieldEdge(square, vertical, at, region, edge, mtf50)
 
 
 def _mean(edges: Iterable[_FieldEdge]) -> Uncertain | Missing:
@@ -182,7 +185,7 @@ def _curves(edges: list[_FieldEdge]) -> list[Curve]:
         height = np.array([np.hypot(*each.at) for each in there])
         mtf50 = np.array([each.mtf50.value for each in there])
         spread = np.array([each.mtf50.standard_uncertainty for each in there])
-        found.append(Curve(part, _HEIGHT, "MTF50 (cycles/pixel)", height, mtf50, spread))
+        found.append(Curve(part, _HEIGHT, "MTF50 (cycles/pixel)", height, mtf50, spread, joined=False))
     return found
 
 

@@ -19,6 +19,7 @@ from photosite.report.style import (
 from photosite.values.uncertain import COVERAGE_95
 
 _CHANNELS = ("R", "G", "B", "Y", "M")
+_MARKERS = "os^vDP"
 _SHORT_NAME = 10
 """Characters of names of which six fit side by side."""
 _MOST_NAMED = 12
@@ -34,10 +35,17 @@ def figures_of(result: Result) -> dict[tuple[str, str], list[Curve]]:
 
 
 def draw_curves_of(axes: Axes, curves: list[Curve]) -> Axes:
-    """Draw curves with their 95 % bands, and return the axes."""
+    """Draw curves with their 95 % bands, points with their 95 % intervals, and return the axes."""
     for position, curve in enumerate(curves):
         is_channel = curve.part in _CHANNELS
         color, _, line = channel_style(curve.part, position) if is_channel else line_style(position)
+        if not curve.joined:
+            spread = None if curve.standard_uncertainty is None else COVERAGE_95 * curve.standard_uncertainty
+            form = _MARKERS[position % len(_MARKERS)]
+            axes.errorbar(
+                curve.x, curve.y, spread, fmt=form, color=color, label=curve.part or None, markersize=4, elinewidth=0.8
+            )
+            continue
         axes.plot(curve.x, curve.y, color=color, linestyle=line, label=curve.part or None)
         if curve.standard_uncertainty is not None:
             draw_band(axes, curve.x, curve.y, COVERAGE_95 * curve.standard_uncertainty, color)
