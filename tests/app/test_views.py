@@ -24,6 +24,7 @@ from photosite.app.calibrate_view import (
 )
 from photosite.app.lens_state import LensState
 from photosite.app.places import Places
+from photosite.app.quality_view import QualityRequest, quality_code, run_quality
 from photosite.app.state import SensorState, changed_sensor
 from photosite.app.views import (
     PlanRequest,
@@ -373,3 +374,28 @@ def test_no_folder_outside_is_calibrated(stack: Path, folder: str) -> None:
         list_frames(FolderRequest(folder=folder), Places(folder=stack))
     with pytest.raises(InputError):
         list_frames(FolderRequest(), Places())
+
+
+def test_image_quality_and_its_code_agree(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    request = QualityRequest(chart="macbeth", frames=2, sensor=SensorState(source="vendor-2.2um"))
+    reported: list[tuple[int, int, str]] = []
+    found = run_quality(request, NOWHERE, lambda *part: reported.append(part))
+    assert reported[0][2] == "macbeth: simulating"
+    section = next(each for each in found["sections"] if each["id"] == "noise")
+    assert section["figures"]
+    python, command = quality_code(request, NOWHERE)
+    own = executed(python)["quality"].charts["macbeth"]["noise"]
+    assert [list(row) for row in own.rows()] == section["rows"]
+    start, file, end = (
+        command.split("\n", 1)[0],
+        command.split("<<'END'\n")[1].split("END\n")[0],
+        command.splitlines()[-1],
+    )
+    assert start.startswith("cat > workbench.camera.yaml")
+    Path("workbench.camera.yaml").write_text(file)
+    values = json_of(end.strip(), capsys)["charts"]["macbeth"]["results"]["noise"]["values"]
+    assert [each["value"] for each in values] == [each.value for each in own.values.values()]
+    assert quality_code(QualityRequest(sensor=CHANGED), NOWHERE)[1] == ""

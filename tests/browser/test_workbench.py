@@ -19,7 +19,7 @@ from photosite.studies.planning import precision_curves
 pytestmark = pytest.mark.browser
 
 WIDTHS = {390: 844, 1024: 768, 1600: 1000}
-VIEWS = ("camera", "calibrate", "compare", "plan", "sweep")
+VIEWS = ("camera", "calibrate", "compare", "plan", "sweep", "quality")
 RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
 PICTURES = os.environ.get("PICTURES")
 """Folder to write screenshots to."""

@@ -341,6 +341,13 @@ def _add_facts(app: FastAPI, workbench: Workbench) -> None:
         """Return the fields of the camera view, with units, limits and the sensor's values."""
         return form(request.sensor, request.scene, workbench.places)
 
+    @app.get("/api/charts")
+    def charts() -> list[str]:
+        """Return the charts that image quality is measured on."""
+        from photosite.metrics.registry import charts_measured
+
+        return list(charts_measured())
+
     @app.get("/api/parameters")
     def parameters() -> list[ParameterInfo]:
         """Return what a plan can reach."""

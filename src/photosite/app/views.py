@@ -34,6 +34,7 @@ from photosite.app.compare_view import (
 from photosite.app.copy_text import exposure_text, lens_lines, sensor_lines, source_name
 from photosite.app.lens_state import LensState, lens
 from photosite.app.places import Part, Places, Text
+from photosite.app.quality_view import QualityRequest, quality_code, run_quality
 from photosite.app.state import LIGHT, SensorState, changed_sensor, light_name
 from photosite.app.workers import Progress
 from photosite.camera.camera import Camera
@@ -282,5 +283,6 @@ VIEWS = (
     JobView("calibration", "Calibrate a sensor.", CalibrationRequest, run_calibration, calibration_code),
     JobView("report", "Write the report of a calibration.", ReportRequest, write_report, no_code),
     JobView("sweep", "Measure a camera over values of its fields.", SweepRequest, run_sweep, sweep_code),
+    JobView("quality", "Measure the image quality of a camera.", QualityRequest, run_quality, quality_code),
 )
 """The views with a job; the server adds the requests of each."""

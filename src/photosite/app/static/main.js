@@ -5,11 +5,12 @@ import * as calibrate from "./calibrate.js";
 import * as camera from "./camera.js";
 import * as compare from "./compare.js";
 import * as plan from "./plan.js";
+import * as quality from "./quality.js";
 import * as sweep from "./sweep.js";
 import { fromHash, merged } from "./state.js";
 import "./uploads.js";
 
-const VIEWS = { camera: null, calibrate, compare, plan, sweep };
+const VIEWS = { camera: null, calibrate, compare, plan, sweep, quality };
 const root = document.documentElement, appearance = document.getElementById("appearance");
 const APPEARANCES = ["system", "light", "dark"];
 
