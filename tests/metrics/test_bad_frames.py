@@ -30,12 +30,12 @@ USABLE = {
         ("point-grid", "distortion"),
         ("point-grid", "lateral-color"),
     },
-    "blurred": {("uniform", name) for name in EVEN},
+    "blurred": {("gray-steps", "contrast-detection"), *(("uniform", name) for name in EVEN)},
     "uniform": {("uniform", name) for name in EVEN},
     "dark": {("uniform", "noise-spectrum")},
 }  # fmt: skip
 """Noise of dark frames has a spectrum. Patches that are not clipped are measured, contrasts that saturation takes away
-are, and borders of dots; an even field is even when it is blurred."""
+are, and borders of dots; an even field is even when it is blurred, and blur takes contrasts away."""
 
 
 @cache

@@ -18,7 +18,7 @@ from photosite.values.uncertain import Uncertain
 
 Array = NDArray[np.float64]
 
-GRAY_CHARTS = ("macbeth", "color-checker-sg", "hdr-patches", "siemens-star")
+GRAY_CHARTS = ("macbeth", "color-checker-sg", "hdr-patches", "gray-steps", "siemens-star")
 """Charts with gray patches."""
 _LEAST_PIXELS = 50
 _LEAST_CORRELATION = 0.5

@@ -17,6 +17,7 @@ from photosite.scene.charts.color_checker import macbeth_reflectance as macbeth_
 from photosite.scene.charts.color_checker import macbeth_regions as macbeth_regions
 from photosite.scene.charts.dead_leaves import dead_leaves as dead_leaves
 from photosite.scene.charts.flare_traps import flare_traps as flare_traps
+from photosite.scene.charts.gray_steps import gray_steps as gray_steps
 from photosite.scene.charts.iso_12233 import edge_star as edge_star
 from photosite.scene.charts.iso_12233 import siemens_star as siemens_star
 from photosite.scene.charts.iso_12233 import slanted_edge as slanted_edge
@@ -42,6 +43,7 @@ __all__ = [
     "edge_star",
     "flare_traps",
     "frequency_sweep",
+    "gray_steps",
     "hdr_patches",
     "macbeth",
     "macbeth_reflectance",
