@@ -8,10 +8,10 @@ signal-to-noise ratio of each patch on the raw mosaic lies on the curve that the
 
 import matplotlib.pyplot as plt
 import numpy as np
-from photosite.validation.charts import chart_xyz_d65
 
 import photosite as ps
 from photosite.develop.camera_color import fit_color_matrix
+from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.metrics.patches import patch_statistics
 from photosite.metrics.snr import noise_budget
 from photosite.report.page import shrink

@@ -13,10 +13,10 @@ import warnings
 import matplotlib.pyplot as plt
 import numpy as np
 from drawing import panels, shoot
-from photosite.validation.charts import chart_xyz_d65
 
 import photosite as ps
 from photosite.color.colorimetry import XYZ_FROM_SRGB, delta_e_2000
+from photosite.metrics.charts.color_checker import chart_xyz_d65
 from photosite.scene.charts.color_checker import MACBETH_NAMES
 from photosite.sensor.assumed_channels import assumed_channels
 from photosite.values.cfa import cfa_from, channel_names

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import runpy
 import sys
 import warnings
@@ -24,6 +25,14 @@ def test_an_example_is_short_and_has_a_title_and_a_caption(script: Path) -> None
     assert underline == "=" * len(title)
     assert not blank
     assert len(" ".join(caption)) > 80
+
+
+@pytest.mark.parametrize("script", SCRIPTS.values(), ids=SCRIPTS.keys())
+def test_what_an_example_imports_exists(script: Path) -> None:
+    for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("photosite"):
+            module = importlib.import_module(node.module or "")
+            assert [name.name for name in node.names if not hasattr(module, name.name)] == []
 
 
 @pytest.mark.parametrize("name", ["color_charts", "low_pass_filter"])
