@@ -36,7 +36,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "reference/diagnostics/*"]
+exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "reference/diagnostics/*", "howto/image-quality/*"]
 templates_path = ["_templates"]
 smartquotes = False  # -- begins an option
 default_role = "code"  # docstrings write names in single backticks

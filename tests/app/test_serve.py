@@ -13,6 +13,9 @@ import pytest
 
 @pytest.mark.smoke("serve")
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.skipif(
+    hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN, reason="SIGHUP is ignored (nohup)"
+)
 def test_a_closed_terminal_ends_the_server(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "photosite", "serve"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": os.environ | {"TMPDIR": str(tmp_path)}}

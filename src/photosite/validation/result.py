@@ -213,17 +213,17 @@ class Validation(Tabular, PatchDifferences):
 
     @property
     def relative_difference(self) -> RelativeDifference:
-        """(patches, channels): (measured - simulated) / simulated, masked where simulated is not above black."""
+        """(measured - simulated) / simulated of (patches, channels), masked where simulated is not above black."""
         return relative_difference(self.measured.mean_dn, self.simulated.mean_dn)
 
     @property
     def relative_noise_difference(self) -> RelativeDifference:
-        """(patches, channels): `relative_difference` of the standard deviations over pixels."""
+        """`relative_difference` of the standard deviations over pixels."""
         return relative_difference(self.measured.spatial_noise_dn, self.simulated.spatial_noise_dn)
 
     @property
     def relative_temporal_difference(self) -> RelativeDifference:
-        """(patches, channels): `relative_difference` of the standard deviations from frame to frame.
+        """`relative_difference` of the standard deviations from frame to frame.
 
         Raises
         ------
