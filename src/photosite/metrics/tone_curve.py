@@ -39,7 +39,7 @@ class ToneCurve(Shown):
     >>> values = np.array([0.01, 0.1, 0.3, 0.9])
     >>> curve = ToneCurve(dict.fromkeys("RGB", values), dict.fromkeys("RGB", values**2))
     >>> curve.to_light(np.full((1, 1, 3), 0.5)).round(3)
-    array([[[0.25, 0.25, 0.25]]])
+    array([[[0.278, 0.278, 0.278]]])
     """
 
     values: Mapping[str, Array]
