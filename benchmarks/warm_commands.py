@@ -41,8 +41,8 @@ MADE = (
 )
 """Commands that make inputs of others."""
 
-PAIRS = "pairs"
-"""The folder of training pairs, which is made anew in each run: complete ones are kept."""
+MADE_ANEW = ("pairs", "shot")
+"""Folders that a run has to make anew: shoot does not replace frames, and dataset keeps complete pairs."""
 
 COMMANDS = {
     "--help": "--help",
@@ -62,7 +62,7 @@ COMMANDS = {
     "measure, edge": "measure edge.dng --chart slanted-edge",
     "validate": "validate shot.dng other.dng",
     "plan": "plan --rows 1000 --cols 1500 --want prnu_percent=2%",
-    "shoot": "shoot --rows 648 --cols 968 -o stack --force",
+    "shoot": "shoot --rows 648 --cols 968 -o shot",
     "export": "export nikon-d200 libcamera -o tuning.json --force",
     "import": "import tuning.json",
     "sweep": "sweep pixels.sweep.yaml -o pixels.csv --force",
@@ -153,7 +153,8 @@ def _environment(source: Path) -> dict[str, str]:
 def timed_run(source: Path, arguments: list[str], folder: Path) -> tuple[float, float]:
     """Return wall and processor time of a command as a process."""
     environment = _environment(source)
-    shutil.rmtree(folder / PAIRS, ignore_errors=True)
+    for name in MADE_ANEW:
+        shutil.rmtree(folder / name, ignore_errors=True)
     start = time.perf_counter()
     with open(os.devnull, "w") as nowhere:
         process = subprocess.Popen(
@@ -169,7 +170,8 @@ def timed_run(source: Path, arguments: list[str], folder: Path) -> tuple[float, 
 def measured_parts(source: Path, arguments: list[str], folder: Path) -> dict[str, float]:
     """Return the time of the parts of one run."""
     environment = _environment(source)
-    shutil.rmtree(folder / PAIRS, ignore_errors=True)
+    for name in MADE_ANEW:
+        shutil.rmtree(folder / name, ignore_errors=True)
     command = [sys.executable, __file__, "--trace", "parts.json", *arguments]
     subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
     found: dict[str, float] = json.loads((folder / "parts.json").read_text())
