@@ -39,6 +39,18 @@ def test_response_without_noise_is_that_with_noise(camera: ps.Camera) -> None:
     assert low < truth < high
 
 
+def test_ranges_take_focal_length_and_pixel_width_from_the_camera(camera: ps.Camera) -> None:
+    faint = {"target-detection": {"contrast": 0.01}}
+    chosen = {"charts": ["slanted-edge"], "only": ["target-detection"], "options": faint}
+    found = measure_camera(camera, ChartConditions(2), **chosen)
+    result = found.charts["slanted-edge"]["target-detection"]
+    resolved, distance = (result[name, "G"].value for name in ("resolved", "identification_range"))
+    assert resolved is not None
+    width_um, focal_mm = camera.sensor.pixel.width_um.value, 50.0
+    # 8 cycles over a target of 2.3 m, whose image is focal length over distance as large.
+    assert distance == pytest.approx(resolved * 2.3 * focal_mm * 1e-3 / (8 * width_um * 1e-6))
+
+
 def test_two_measurements_of_one_chart_need_two_views(camera: ps.Camera) -> None:
     found = measure_camera(camera, ChartConditions(2), charts=["siemens-star"], only=["oecf", "star-sfr"])
     found = found.charts["siemens-star"]

@@ -55,7 +55,7 @@ class ChartImage(Shown):
         Values without light and at saturation, in the unit of the frames.
     sensor
         Source of the system gain; None where it is not known.
-    exposure_s, f_number
+    exposure_s, f_number, focal_length_mm
         Of the frames; None where unknown.
     tone
         How the values became proportional to light.
@@ -77,6 +77,7 @@ class ChartImage(Shown):
     sensor: Sensor | None = None
     exposure_s: float | None = None
     f_number: float | None = None
+    focal_length_mm: float | None = None
     tone: Tone = "linear"
     quantization: float | None = None
 
@@ -293,7 +294,10 @@ def _of_raw(frames: Sequence[RawFrame], sensor: Sensor | None) -> ChartImage:
             one, other = getattr(first, what), getattr(frame, what)
             if one != other:
                 raise InputError(what, where=f"frame {number}", value=other, expected=f"{one}, as in frame 1")
-    f_number = first.metadata.get("f_number")
+    f_number, focal_length_mm = (
+        None if (value := first.metadata.get(name)) is None else float(value)
+        for name in ("f_number", "focal_length_mm")
+    )
     return ChartImage(
         tuple(frame.dn for frame in frames),
         "raw",
@@ -302,7 +306,8 @@ def _of_raw(frames: Sequence[RawFrame], sensor: Sensor | None) -> ChartImage:
         first.white_level_dn,
         sensor,
         first.exposure_s,
-        None if f_number is None else float(f_number),
+        f_number,
+        focal_length_mm,
     )
 
 

@@ -62,6 +62,7 @@ def _measure(
     region = edge_region(image, chart.region, _REACH_PX)
     if pitch_um is None and image.sensor is not None:
         pitch_um = image.sensor.pixel.width_um.value
+    focal_length_mm = focal_length_mm or image.focal_length_mm
     values: dict[tuple[str, str], Estimate] = {}
     curves: list[Curve] = []
     diagnostics: list[Diagnostic] = []
