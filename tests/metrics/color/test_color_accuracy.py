@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import colour
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from raising import raises
 
-from photosite.color.colorimetry import D65_XY, SRGB_FROM_XYZ
+from photosite.color.colorimetry import D65_XY, SRGB_FROM_XYZ, colour_science
 from photosite.develop.camera_color import fit_color_matrix
 from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage, chart_image
@@ -19,6 +18,7 @@ from photosite.metrics.measurement import Result
 
 Array = NDArray[np.float64]
 
+colour = colour_science()
 SHAPE = (264, 392)
 CHART = placed_chart(chart_image(np.ones(SHAPE)), "macbeth")
 D65 = colour.xy_to_XYZ(D65_XY)

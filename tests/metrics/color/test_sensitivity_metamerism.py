@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import colour
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from raising import raises
 
 import photosite as ps
-from photosite.color.colorimetry import color_matching_functions
+from photosite.color.colorimetry import color_matching_functions, colour_science
 from photosite.color.illuminants import daylight
 from photosite.errors import InputError
 from photosite.metrics.chart_image import chart_image
@@ -21,6 +20,7 @@ from photosite.sensor.model import Sensor
 
 Array = NDArray[np.float64]
 
+colour = colour_science()
 GRID = np.arange(380.0, 781.0, 5.0)
 BARS = color_matching_functions(GRID)
 MIX = np.array([[0.7, 0.3, 0.0], [0.2, 0.8, 0.1], [0.0, 0.1, 0.4]])
