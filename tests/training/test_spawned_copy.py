@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import time
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,16 @@ class Pairs(PairDataset):
     """A user's class with a fact of its own."""
 
     note = ""
+
+
+class WithFile(Pairs):
+    """A user's class that leaves something out of its copies."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"note": "not copied"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, note=state["note"] + ", but made anew")
 
 
 class Gate:
@@ -81,6 +92,20 @@ def test_a_process_starts_before_the_arrays_are_read_and_makes_the_same_items(
     assert (gate, note, total, aligned) == (True, "mine", expected, True)
     assert changed == isinstance(light, Electrons)
     assert int(np.asarray(pairs[3].noisy, np.int64).sum()) == expected
+
+
+@pytest.mark.parametrize("method", [None, "spawn"])
+def test_a_class_may_state_what_is_copied(method: Any, tmp_path: Path) -> None:
+    pairs = WithFile(electrons(), ps.load_sensor("nikon-d200"), crop=(64, 64), draws=4)
+    if method is None:
+        assert pickle.loads(pickle.dumps(pairs)).note == "not copied, but made anew"
+        return
+    context = multiprocessing.get_context(method)
+    queue = context.Queue()
+    child = context.Process(target=answer, args=(Gate(tmp_path), pairs, queue))
+    child.start()
+    assert queue.get(timeout=60)[1] == "not copied, but made anew"
+    child.join()
 
 
 def test_a_small_dataset_without_arrays_goes_to_a_process(tmp_path: Path) -> None:

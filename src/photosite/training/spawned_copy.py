@@ -7,6 +7,7 @@ the process inherits, objects are small, and several workers start at the same t
 
 from __future__ import annotations
 
+import copyreg
 import mmap
 import os
 import pickle
@@ -20,37 +21,40 @@ ALIGNED = 64
 
 
 def reduced(whole: Any) -> tuple[Any, ...]:
-    """Return what pickle makes an object from: the `__reduce__` of a class without `__slots__`.
+    """Return what pickle makes an object from: the `__reduce__` of a class with large arrays.
 
     Arrays go to memory that the process inherits if the object is pickled for one (Linux), and into the pickle
-    otherwise.
+    otherwise. `__getstate__` and `__setstate__` of derived classes are called.
     """
-    process = get_spawning_popen()
-    if process is None or not hasattr(os, "memfd_create"):
-        return _made, (type(whole), vars(whole))
-    buffers: list[pickle.PickleBuffer] = []
-    text = pickle.dumps(vars(whole), protocol=5, buffer_callback=buffers.append)
-    descriptor = os.memfd_create("photosite")
-    weakref.finalize(process, os.close, descriptor)  # the process inherits it after all is pickled
-    places = []
-    with open(descriptor, "wb", closefd=False) as file:
-        for buffer in buffers:
-            file.seek(-(-file.tell() // ALIGNED) * ALIGNED)
-            places.append((file.tell(), file.write(buffer.raw())))
-    return _inherited, (type(whole), text, places, DupFd(descriptor))
+    state = whole.__getstate__() if hasattr(whole, "__getstate__") else vars(whole)  # object has it from Python 3.11 on
+    inherits = get_spawning_popen() is not None and hasattr(os, "memfd_create")
+    return copyreg.__newobj__, (type(whole),), _State(state) if inherits else state  # type: ignore[attr-defined]
 
 
-def _inherited(kind: type[Any], text: bytes, places: list[tuple[int, int]], descriptor: Any) -> Any:
-    """Return the object, in the process that inherited its arrays; what it writes to them stays its own."""
+class _State:
+    """A state that is pickled for a process that inherits its arrays; there, it is the state itself."""
+
+    def __init__(self, state: Any) -> None:
+        self._state = state
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        buffers: list[pickle.PickleBuffer] = []
+        text = pickle.dumps(self._state, protocol=5, buffer_callback=buffers.append)
+        descriptor = os.memfd_create("photosite")
+        weakref.finalize(get_spawning_popen(), os.close, descriptor)  # the process inherits it after all is pickled
+        places = []
+        with open(descriptor, "wb", closefd=False) as file:
+            for buffer in buffers:
+                file.seek(-(-file.tell() // ALIGNED) * ALIGNED)
+                places.append((file.tell(), file.write(buffer.raw())))
+        return _inherited, (text, places, DupFd(descriptor))
+
+
+def _inherited(text: bytes, places: list[tuple[int, int]], descriptor: Any) -> Any:
+    """Return the state, in the process that inherited its arrays; what it writes to them stays its own."""
     opened = descriptor.detach()
     try:
         memory = memoryview(mmap.mmap(opened, 0, access=mmap.ACCESS_COPY) if places else b"")
     finally:
         os.close(opened)
-    return _made(kind, pickle.loads(text, buffers=[memory[start : start + size] for start, size in places]))
-
-
-def _made(kind: type[Any], state: dict[str, Any]) -> Any:
-    made = object.__new__(kind)
-    vars(made).update(state)
-    return made
+    return pickle.loads(text, buffers=[memory[start : start + size] for start, size in places])

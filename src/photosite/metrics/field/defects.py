@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 NOISE_HIDES_DEFECTS = DiagnosticKind(
     "noise-hides-defects",
     "note",
-    "Noise of the frames is so large that pixels with the smallest deviation of a defect are not told from noise.",
+    "Noise of the frames is so large that it hides pixels with the smallest deviation of a defect.",
     "Only pixels that deviate more are counted.",
     "Take more frames: their mean is used.",
     ("bright_pixels", "dark_pixels"),

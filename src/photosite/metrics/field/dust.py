@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 NOISE_HIDES_DUST = DiagnosticKind(
     "noise-hides-dust",
     "note",
-    "Noise of the frames is so large that shallow spots are not told from it.",
+    "Noise of the frames is so large that it hides shallow spots.",
     "Only spots that are deeper are counted.",
     "Take more frames: their mean is used.",
     ("spots", "area_percent"),
@@ -134,8 +134,8 @@ MEASUREMENT = Measurement(
     },
     oracle="spots put into drawn fields",
     left_out=(
-        "Spots wider than a fifteenth of the field, and those that touch, are not told from shading and from each "
-        "other. The outermost samples are left out. Intervals of counts are those of the mean number over fields "
+        "Spots wider than a fifteenth of the field count as shading, and those that touch as one. "
+        "The outermost samples are left out. Intervals of counts are those of the mean number over fields "
         "(Poisson). Defective pixels that darken their tile by the depth of a spot count as spots."
     ),
     order=315,

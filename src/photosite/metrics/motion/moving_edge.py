@@ -25,7 +25,7 @@ _REACH_PX, _LEAST_ROWS = 40, 50
 _LEAST_SIGMAS = 8.0
 """Contrast of the edge over the noise of a pixel times the root of the number of rows."""
 _LEAST_BLUR = 2.0
-"""Width of motion over the standard deviation of the other blur, from which the two are told apart."""
+"""Width of motion over the standard deviation of the other blur, from which the two are distinguished."""
 _MOST_ROWS = 400
 
 
