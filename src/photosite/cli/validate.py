@@ -196,8 +196,8 @@ def _compare_quality(
     from photosite.validation.quality_comparison import compare_quality
 
     found = compare_quality(*(measure(frames, chart) for frames in (shot, simulated)), **test)
-    counts = ", ".join(f"{count} {name}" for name, count in found.count.items())
-    show(as_json, found.to_dict(), lambda: f"image quality {verdict(found.agrees)}: {counts}\n\n{tabular(found)}")
+    counts = ", ".join(f"{name} {count}" for name, count in found.count.items())
+    show(as_json, found.to_dict(), lambda: f"values {verdict(found.agrees)} ({counts})\n\n{tabular(found)}")
 
 
 def _defaults_used(ctx: click.Context) -> list[str]:

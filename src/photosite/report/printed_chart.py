@@ -20,6 +20,8 @@ from photosite.values.region import Region
 _MM_PER_INCH = 25.4
 _MARGIN_MM = 15.0
 _TEXT_PT, _LINE_MM, _ENTRY_MM = 8.0, 4.0, 58.0
+_MOST_NAMED = 2
+"""Patches of equal values up to which each is named."""
 _MOST_PIXELS = 1 << 28
 
 
@@ -93,8 +95,11 @@ def _pdf(
     picture: Image.Image, chart: Chart, size_mm: tuple[float, float], patches: list[tuple[str, float, float]]
 ) -> bytes:
     width, height = size_mm
+    alike: dict[str, list[str]] = {}
+    for name, reflectance, lightness in patches:
+        alike.setdefault(f"reflectance {reflectance:.3f}, L* {lightness:.1f}", []).append(name)
     columns = max(int(width // _ENTRY_MM), 1)
-    lines = -(-len(patches) // columns) + 2
+    lines = -(-len(alike) // columns) + 2
     page = width + 2 * _MARGIN_MM, height + 2 * _MARGIN_MM + lines * _LINE_MM
     pdf = FPDF(unit="mm", format=page)
     pdf.set_creation_date(date_of_files())
@@ -107,8 +112,8 @@ def _pdf(
     pdf.set_font("Helvetica", size=_TEXT_PT)
     below = _MARGIN_MM + height + _LINE_MM
     pdf.text(_MARGIN_MM, below, f"{chart.name}; {width:g} x {height:.1f} mm; print at 100 %, sRGB")
-    for number, (name, reflectance, lightness) in enumerate(patches):
-        text = f"{name}: reflectance {reflectance:.3f}, L* {lightness:.1f}"
+    for number, (values, names) in enumerate(alike.items()):
+        text = f"{', '.join(names) if len(names) <= _MOST_NAMED else f'{names[0]} to {names[-1]}'}: {values}"
         column, line = number % columns, number // columns
         pdf.text(_MARGIN_MM + column * width / columns, below + (line + 1) * _LINE_MM, text)
     return bytes(pdf.output())
