@@ -227,10 +227,20 @@ def test_totals_of_frames_in_files_are_exact_up_to_full_scale(tmp_path, tile, co
     assert found.label_totals() == expected.label_totals()
 
 
+def test_sums_have_16_bits_where_the_numbers_that_are_expected_fit(tmp_path):
+    frames = stack(n=4, shape=(20, 64), top=16_000)
+    found = FrameSums((20, 64)).add_last(stored(tmp_path, frames), full_scale=int(frames.max()))
+    expected = FrameSums((20, 64)).add(frames)
+    assert found.sum.dtype == np.uint16
+    assert np.array_equal(found.sum, expected.sum)
+    assert found.label_totals() == expected.label_totals()
+
+
+@pytest.mark.parametrize("expected_top", [None, 2000])
 @pytest.mark.parametrize("count", [3, 40])
-def test_frames_in_files_with_numbers_above_full_scale(tmp_path, count):
+def test_frames_in_files_with_numbers_above_full_scale(tmp_path, count, expected_top):
     frames = stack(n=count, shape=(20, 64))  # of 16 bits
-    found = FrameSums((20, 64), BAYER, white=1023).add_last(stored(tmp_path, frames))
+    found = FrameSums((20, 64), BAYER, white=1023).add_last(stored(tmp_path, frames), expected_top)
     expected = FrameSums((20, 64), BAYER, white=1023).add(frames)
     assert np.array_equal(found.sum, expected.sum)
     assert found.highest == expected.highest

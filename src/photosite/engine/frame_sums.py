@@ -340,12 +340,13 @@ class FrameSums:
             del batch, part  # free it before the next batch is read
         return self
 
-    def add_last(self, frames: Sequence[Frame]) -> FrameSums:
+    def add_last(self, frames: Sequence[Frame], full_scale: int | None = None) -> FrameSums:
         """Add the last frames, and compute the squares of `label_totals` in the same pass; return self.
 
         This is faster than `add` and `label_totals`, because the squares of single pixels are neither stored nor read
         again. `sum_of_squares`, `variance`, `state` and `merge` are not available afterwards, and no frames can be
-        added. Where all frames are in files, `sum` may have 16 bits, and `mean_frame` takes it over.
+        added. Where all frames are in files, `sum` may have 16 bits, and `mean_frame` takes it over. `full_scale` is
+        the largest number that is expected, `white` if it is None; the sums are right if the frames exceed it.
 
         Raises `ValueError` as `add` does, or if there are no frames.
 
@@ -360,7 +361,7 @@ class FrameSums:
         *before, last = _by_kind(frames)
         for batch in before:
             self._add_batch(batch, self.white)
-        self._add_batch(last, self.white, last=True)
+        self._add_batch(last, self.white if full_scale is None else full_scale, last=True)
         return self
 
     def _widen(self) -> None:

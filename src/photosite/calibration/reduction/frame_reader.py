@@ -144,6 +144,7 @@ class FrameReader:
         self._counting = Lock()
         self._expected = frames.frame_count
         self._used: dict[int, list[int]] = {}
+        self._highest: dict[int, int] = {}
         self._means: dict[int, MeanFrame] = {}
         self._kept_bytes = 0
         self._shape = frames.rows, frames.cols
@@ -197,7 +198,8 @@ class FrameReader:
             self._sums = FrameSums(self._shape, self.tile, white=self.white)
         result = self._sums.clear()
         if (used := self._used.get(id(group))) is not None:
-            self._add(result, self._read_ahead((group.frames[i], 0) for i in used), variance=variance)
+            reads = self._read_ahead((group.frames[i], 0) for i in used)
+            self._add(result, reads, variance=variance, highest=self._highest.get(id(group)))
             self._count(len(group) - len(used))
             return result
         assert next(self._order) is group, "the first pass follows the order of the set"
@@ -215,7 +217,7 @@ class FrameReader:
                 self._known[id(group)] = _KnownNumbers(None, self._watched, numbers)
             if self._checkpoint is not None:
                 self._checkpoint.save(group, result, first)
-        self._used[id(group)] = first.used
+        self._used[id(group)], self._highest[id(group)] = first.used, max(result.highest, default=self.white)
         self.counts[id(group)] = first.counts
         totals = result.frame_totals()
         if self._dark_dn is None and group.kind == "dark":
@@ -318,6 +320,7 @@ class FrameReader:
         for old, new in zip(before.groups, self.frames.groups, strict=True):
             numbers = self.replaced[id(new)] = self.replaced_numbers(old, replacement)
             used = self._used[id(new)] = self._used.pop(id(old))
+            self._highest[id(new)] = self._highest.pop(id(old))
             self.counts[id(new)] = self._moved_counts(self.counts.pop(id(old)), len(old), own, numbers)
             if (mean := self._means.pop(id(old), None)) is not None:
                 mean.sum[own] = mean.sum[other]
@@ -526,24 +529,28 @@ class FrameReader:
         first: FirstPass | None = None,
         *,
         variance: bool,
+        highest: int | None = None,
     ) -> None:
-        """Add frames to the sums; save these now and then in the first pass over a group."""
+        """Add frames, of which the largest number may be known, and save the sums of the first pass now and then."""
         left = iter(reads)
         # Sums that are saved need the squares of the pixels.
         squares = variance or self._checkpoint is not None
         following = list(islice(left, 1))
         while batch := self._batch(following, left):
             following = [] if squares else list(islice(left, 1))
-            add = sums.add if squares or following else sums.add_last
-            add([read.dn for read in batch])
+            numbers = [read.dn for read in batch]
+            if squares or following:
+                sums.add(numbers)
+            else:
+                sums.add_last(numbers, highest)
             names = [read.source.name for read in batch]
-            del batch  # free the frames before the next ones are read
-            for name, highest in zip(names, sums.highest[-len(names) :], strict=True):
-                if highest > self.white:
+            del batch, numbers  # free the frames before the next ones are read
+            for name, top in zip(names, sums.highest[-len(names) :], strict=True):
+                if top > self.white:
                     bits = self.frames.bits
                     raise FileError(
                         name,
-                        f"the frame holds {highest} DN, above {self.white} DN, the full scale of {bits} bits",
+                        f"the frame holds {top} DN, above {self.white} DN, the full scale of {bits} bits",
                         hint="Correct the bits of the protocol",
                     )
                 self._count(1)

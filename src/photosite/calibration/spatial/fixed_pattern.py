@@ -354,8 +354,10 @@ def _read_flats(
     clear = [i for i in groups if all(i in each for each in weights if each)]
     brightest = max(clear or groups, key=lambda i: lights[i].levels[0].mean, default=None)
     readout = None
-    # The readout channels are those of the brightest flat fields, and are subtracted from the others.
-    for i in sorted(groups, key=lambda i: i != brightest):
+    # The readout channels are those of the brightest flat fields, and are subtracted from the others. The groups near
+    # half saturation come last, because their planes are held.
+    order = sorted(groups, key=lambda i: (i != brightest, i in inputs.half, -lights[i].levels[0].mean))
+    for i in order:
         mean, values = reader.mean(lights[i].group), None
         if i == brightest:
             values = held(mean)
@@ -368,7 +370,12 @@ def _read_flats(
         if channels:
             flat = GroupMean.of(reader, lights[i], mean, inputs.dark.scatter, values)
             _measure_half_saturated(
-                inputs, flats, _with_shared_noise(inputs, flat), {k: darks[k] for k in channels}, readout
+                inputs,
+                flats,
+                _with_shared_noise(inputs, flat),
+                {k: darks[k] for k in channels},
+                readout,
+                own=i != order[-1],
             )
             del flat
         flats.slopes.add(mean, [each.get(i, 0.0) for each in weights])
@@ -394,8 +401,10 @@ def _measure_half_saturated(
     flat: GroupMean,
     darks: Mapping[int, _DarkPattern],
     readout: ReadoutChannels | None,
+    *,
+    own: bool,
 ) -> None:
-    """Add the pattern of the mean flat field near half saturation of some channels."""
+    """Add the pattern of the mean flat field near half saturation of some channels; `own` as in `GroupMean.planes`."""
     shared = inputs.light.noise.shared
     for k, dark in darks.items():
         channel = inputs.light.channels[k]
@@ -411,7 +420,7 @@ def _measure_half_saturated(
                 else without_neighbors(parts, inputs.shape, shared.neighbors, filtered=high_passed)
                 for parts, high_passed in ((plain, False), (filtered, True))
             )
-        planes = inputs.all_pixels(flat.planes(k, own=True), "light")
+        planes = inputs.all_pixels(flat.planes(k, own=own), "light")
         flats.prnu[k], flats.spatial[k] = (filtered, plain), dark.spatial(planes, inputs.outliers)
         flats.gains[k] = filtered
         if readout is not None:
