@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,19 @@ def test_the_sensor_file_is_completed(photosite: Any, darks: Path, tmp_path: Pat
     rate_e = SENSOR.electrons(noise.dark_voltage_mv_per_s.value)
     assert rate_e == pytest.approx(40 * 2 ** (0.15 / 6.5), rel=0.03)
     assert "Doubling temperature" in report.read_text(encoding="utf-8")
+
+
+def test_exposure_times_that_the_frames_do_not_state(photosite: Any, darks: Path, tmp_path: Path) -> None:
+    for raw in (darks / "darks").glob("dark_*"):
+        frame = ps.read_raw(raw)
+        name = raw.name.replace("dark_5s", "dark_long")
+        named = tmp_path / name
+        replace(frame, exposure_s=None).save(named) if "long" in name else frame.save(named)
+    assert photosite("temperature", tmp_path).status == 2
+    done = photosite("temperature", tmp_path, "--exposure", "5", "--json")
+    assert (done.status, done.err) == (0, "")
+    low, high = done.json["doubling_c"]["interval_95"]
+    assert low < 6.5 < high < low + 1.0
 
 
 def test_stated_temperatures(photosite: Any, darks: Path, tmp_path: Path) -> None:

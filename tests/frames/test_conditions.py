@@ -212,9 +212,28 @@ def test_command_lists_settings_and_calibrates_each_or_one(measured, tmp_path):
         "  read_mode=odd: 1 frame",
     ]
     assert [each["conditions"][10:] for each in json.loads(done.stdout)["settings"]] == ["high", "low", "odd"]
-    refused = CliRunner().invoke(command, [str(measured), "--sensor", "sony-imx174", "-o", str(tmp_path / "a.yaml")])
-    assert refused.exit_code == 2
-    assert "--where" in refused.stderr
     one = CliRunner().invoke(command, [str(measured), "--json", "--where", "read_mode=low"])
     low, high = json.loads(one.stdout)["parameters"]["system_gain_dn_per_e"]["interval_95"]
     assert low < 0.25 < high
+
+
+@pytest.mark.filterwarnings("default::photosite.errors.PhotositeWarning")
+def test_sensor_file_of_each_setting(measured, tmp_path):
+    arguments = [str(measured), "--sensor", "sony-imx174", "-o", str(tmp_path / "a.sensor.yaml")]
+    done = CliRunner().invoke(command, [*arguments, "--json"])
+    assert done.exit_code == 0, done.output
+    names = {"read_mode=high": "a.high.sensor.yaml", "read_mode=low": "a.low.sensor.yaml"}
+    assert json.loads(done.stdout)["sensors"] == {setting: str(tmp_path / name) for setting, name in names.items()}
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names.values())
+    assert "no sensor file for read_mode=odd: " in done.stderr
+    for (setting, name), gain in zip(names.items(), (0.5, 0.25), strict=True):
+        sensor = ps.load_sensor(tmp_path / name)
+        assert sensor.name.endswith(f", {setting}")
+        assert sensor.system_gain_dn_per_e == pytest.approx(gain, rel=0.1)
+    (tmp_path / "a.high.sensor.yaml").unlink()
+    again = CliRunner().invoke(command, arguments)
+    assert again.exit_code == 1
+    assert "a.low.sensor.yaml: the file exists already" in again.output
+    assert not (tmp_path / "a.high.sensor.yaml").exists()
+    darks = CliRunner().invoke(command, [*arguments, "--where", "read_mode=odd"])
+    assert darks.exit_code != 0

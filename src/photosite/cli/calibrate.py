@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -34,7 +34,11 @@ if TYPE_CHECKING:
 @options.sensor_option(
     text="Sensor as known before: pixel size, volts, spectra. Default: the sensor file of the protocol."
 )
-@options.file_option("-o", "--output", suffixes=options.SENSOR_SUFFIXES, text="Sensor file to write (YAML).")
+@options.file_option(
+    *("-o", "--output"),
+    suffixes=options.SENSOR_SUFFIXES,
+    text="Sensor file to write (YAML); of several settings one each, mine.R.sensor.yaml for mine.sensor.yaml.",
+)
 @click.option(
     "--name",
     metavar="TEXT",
@@ -53,7 +57,7 @@ if TYPE_CHECKING:
 )
 @options.reading_options
 @options.black_level_option(" that the dark frames are compared with; by default the files'")
-@options.exposure_option(text="Exposure time of frames that state none: 20ms, 1/60, 0.5 (seconds).")
+@options.unstated_exposure_option
 @options.where_option
 @click.option(
     "--linearize",
@@ -156,7 +160,7 @@ def command(
 
     Settings that differ in camera, read mode, offset, binning, subframe, set-point temperature, filter, or amplifier or
     chip of a file, as the files state them, are listed and calibrated one by one; --report compares them in one page.
-    --where chooses one, and then -o applies.
+    -o writes a sensor file for each, named after its values: mine.R.sensor.yaml. --where chooses one setting.
 
     \b
     Frames are read from
@@ -186,7 +190,6 @@ def command(
     from photosite.calibration.spatial.spatial_analysis import OutlierThresholds
     from photosite.cli.calibration_text import calibration_text
     from photosite.frames.conditions import label
-    from photosite.sensor.io.sensor_file import check_maps_are_free, maps_path
 
     maps = "gain" if pixel_gain else maps
     if into is not None:
@@ -209,9 +212,7 @@ def command(
             raise click.UsageError(f"{option} needs pixel size, volts and spectra, which frames lack: {hint}")
     if given["name"] is not None and sensor is not None:
         sensor = sensor.with_(name=printable(given["name"]))
-    if maps and outputs.sensor is not None:
-        options.check_new(maps_path(outputs.sensor))
-        check_maps_are_free(outputs.sensor)
+    outputs.check_new([label(each.conditions) for each in frames] if isinstance(frames, list) else (), maps=bool(maps))
     thresholds = given["outlier_dark"], given["outlier_light"]
     chosen = {
         "outliers": None if thresholds == (None, None) else OutlierThresholds(*thresholds),
@@ -222,8 +223,8 @@ def command(
     check_options(kind, chosen)
     if kind in ("captures", "combined"):
         outputs.check_report_only()
-    if kind == "settings":
-        outputs.check_one_setting()
+    if kind == "settings" and outputs.entry is not None:
+        raise click.UsageError("--contribute needs frames of one setting: choose it with --where")
     _check_memory(frames, maps, given["processes"])
     say_if_compiling("site_planes._high_passed", compile_statistics)
     result = calibrate(frames, sensor, progress=Stages(), **chosen)
@@ -288,13 +289,20 @@ class _Outputs:
             if wanted is not None:
                 raise click.UsageError(f"{option} needs frames of one capture: several do not show all of a sensor")
 
-    def check_one_setting(self) -> None:
-        """Raise a usage error for the sensor file or the entry of several settings."""
-        for option, wanted in (("-o", self.sensor), ("--contribute", self.entry)):
-            if wanted is not None:
-                raise click.UsageError(f"{option} needs frames of one setting: choose it with --where")
+    def check_new(self, settings: Sequence[str], *, maps: bool) -> None:
+        """Raise an error for sensor files of several settings, and for maps, that would be overwritten."""
+        from photosite.calibration.settings_result import setting_paths
+        from photosite.sensor.io.sensor_file import check_maps_are_free, maps_path
 
-    def write(self, result: AnyCalibration) -> dict[str, Path | None]:
+        if self.sensor is None:
+            return
+        for path in setting_paths(self.sensor, settings).values() if settings else (self.sensor,):
+            options.check_new(path)
+            if maps:
+                options.check_new(maps_path(path))
+                check_maps_are_free(path)
+
+    def write(self, result: AnyCalibration) -> dict[str, Path | Mapping[str, Path] | None]:
         """Write the files of a result and return them by their names in the JSON object."""
         from photosite.calibration.gain_series.result import GainSeries
         from photosite.calibration.result import Calibration
@@ -307,6 +315,11 @@ class _Outputs:
             _ = result.sensor  # raises before anything is written
         if self.report is not None:
             result.report(self.report)
+        if isinstance(result, SettingsCalibration) and self.sensor is not None:
+            sensors, missing = result.save(self.sensor)
+            for name, reason in missing.items():
+                say(f"photosite: no sensor file for {name}: {reason}")
+            return {"sensors": sensors, "report": self.report}
         if not isinstance(result, Calibration | GainSeries):
             return {"report": self.report}
         if self.sensor is not None:

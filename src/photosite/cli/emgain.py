@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 @options.file_option("-o", "--output", suffixes=options.SENSOR_SUFFIXES, text="Sensor file to write (YAML).")
 @options.file_option("--report", suffixes=options.REPORT_SUFFIXES, text="Report to write, HTML or PDF by the suffix.")
 @options.reading_options
+@options.unstated_exposure_option
 @options.where_option
 @options.json_option
 def command(

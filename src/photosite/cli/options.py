@@ -444,6 +444,9 @@ def exposure_option(
     return option(name, argument, type=exposure_time, metavar="TIME", default=default, help=text)
 
 
+unstated_exposure_option = exposure_option(text="Exposure time of frames that state none: 20ms, 1/60, 0.5 (seconds).")
+
+
 def tolerance_percent_option(default: float, text: str) -> Callable[[F], F]:
     """Add --tolerance of a comparison."""
     return quantity("--tolerance", "tolerance_percent", unit="PERCENT", default=default, zero=True, text=text)

@@ -33,7 +33,7 @@ def show(
     as_json: bool,
     content: Mapping[str, Any] | Callable[[], Mapping[str, Any]],
     text: Callable[[], str],
-    **written: PathLike[str] | None,
+    **written: PathLike[str] | Mapping[str, PathLike[str]] | None,
 ) -> None:
     """Print a result on standard output, as one JSON object or as text.
 
@@ -46,15 +46,17 @@ def show(
     text
         Returns the text.
     **written
-        Files that the command wrote, by their names in the JSON object; None for those that were not asked for.
+        Files that the command wrote, or several by name, by their names in the JSON object; None for those not asked
+        for.
     """
     _clear_clock()
-    files = {name: str(path) for name, path in written.items() if path is not None}
+    files = {name: path for name, path in written.items() if path is not None}
     if as_json:
         found = content() if callable(content) else content
         click.echo(json.dumps({**found, **files}, allow_nan=False, default=_plain))
     else:
-        click.echo(printable("\n".join([text(), *(f"wrote {path}" for path in files.values())])))
+        paths = [path for each in files.values() for path in (each.values() if isinstance(each, Mapping) else (each,))]
+        click.echo(printable("\n".join([text(), *(f"wrote {path}" for path in paths)])))
 
 
 def _plain(value: Any) -> Any:

@@ -41,6 +41,7 @@ def temperatures_of(text: str) -> tuple[float, ...]:
 )
 @options.file_option("--report", suffixes=options.REPORT_SUFFIXES, text="Report to write, HTML or PDF by the suffix.")
 @options.reading_options
+@options.unstated_exposure_option
 @options.where_option
 @options.json_option
 def command(

@@ -168,10 +168,17 @@ class MeasuredSensor(Parameters):
         limited = (self.saturation_dn.value or 0.0) > (1 << self.bits) - 1.5
         return "; a lower limit, set by the converter's range" if limited else ""
 
-    def save(self, path: str | PathLike[str]) -> None:
+    def save(self, path: str | PathLike[str], name: str | None = None) -> None:
         """Write the sensor file, and the chip's maps beside it if there are any.
 
         Warns of values that the base sensor assumes and these frames do not give: the file keeps them.
+
+        Parameters
+        ----------
+        path
+            The sensor file.
+        name
+            Name of the sensor, by default that of `sensor`.
 
         Raises
         ------
@@ -180,7 +187,7 @@ class MeasuredSensor(Parameters):
         FileError
             If a file cannot be written.
         """
-        sensor = self.sensor
+        sensor = self.sensor if name is None else self.sensor.with_(name=name)
         write(sensor, path, self.chip)
         sections = sensor.pixel, sensor.noise, sensor.readout
         entries = (entry for section in sections for entry in section)

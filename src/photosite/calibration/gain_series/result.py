@@ -150,9 +150,12 @@ class GainSeries(Diagnosed, Reported, Tabular):
         is_iso = lowest.gain_setting_is_iso and self.scale == "proportional"
         return lowest.with_(gain_settings=[other.own_gain_setting for other in others], gain_setting_is_iso=is_iso)
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the sensor file with all gain settings. Raises as `sensor`, and `FileError` if it cannot be written."""
-        self.sensor.save(path)
+    def save(self, path: str | PathLike[str], name: str | None = None) -> None:
+        """Write the sensor file with all gain settings, named as `sensor` is or as given.
+
+        Raises as `sensor`, and `FileError` if it cannot be written.
+        """
+        (self.sensor if name is None else self.sensor.with_(name=name)).save(path)
 
     def plot(self, parameter: str = "read_noise_e", ax: Axes | None = None) -> Axes:
         """Draw a parameter against the gain setting on Matplotlib axes, new ones by default, and return them."""
