@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,12 +16,14 @@ from photosite.values.uncertain import Missing, Uncertain, Value, correlated
 
 @dataclass(frozen=True)
 class NoiseModel(Shown):
-    """The variance floor + per_signal S + pattern S^2 of a signal S.
+    """The variance floor + offsets + per_signal S + pattern S^2 of a signal S.
 
     Parameters
     ----------
     floor, per_signal, pattern
-        Without signal, of shot noise, and of the fixed pattern.
+        Without signal, of shot noise, and of the fixed pattern that is proportional to the signal.
+    offsets
+        Of the fixed pattern without signal; 0 where `floor` includes it.
 
     Examples
     --------
@@ -33,6 +35,7 @@ class NoiseModel(Shown):
     floor: Uncertain
     per_signal: Uncertain
     pattern: Uncertain
+    offsets: Uncertain = field(default_factory=lambda: Uncertain(0.0))
 
     @classmethod
     def of(cls, patches: Sequence[GrayPatch], *, several: bool) -> NoiseModel:
@@ -45,17 +48,23 @@ class NoiseModel(Shown):
         """
         if several:
             floor, per_signal = _polynomial(patches, "temporal", 1)
-            return cls(floor, per_signal, _pattern(patches))
+            offsets, pattern = _fixed(patches)
+            return cls(floor, per_signal, pattern, offsets)
         return cls(*_polynomial(patches, "total", 2))
 
     @property
     def temporal(self) -> NoiseModel:
         """The model without the fixed pattern."""
-        return replace(self, pattern=Uncertain(0.0))
+        return replace(self, pattern=Uncertain(0.0), offsets=Uncertain(0.0))
+
+    @property
+    def fixed(self) -> NoiseModel:
+        """The model without the temporal noise, of several frames."""
+        return replace(self, floor=Uncertain(0.0), per_signal=Uncertain(0.0))
 
     def variance(self, signal: float) -> Uncertain:
         """Return the variance of a signal."""
-        return self.floor + self.per_signal * signal + self.pattern * signal**2
+        return self.floor + self.offsets + self.per_signal * signal + self.pattern * signal**2
 
     def ratio_db(self, signal: float) -> Value:
         """Return 20 log10 of a signal over its noise."""
@@ -68,7 +77,7 @@ class NoiseModel(Shown):
         """Return the signal that is a number of times its noise."""
         square = ratio**2
         rest = 1.0 - square * self.pattern.value
-        inside = (square * self.per_signal.value) ** 2 + 4.0 * rest * square * self.floor.value
+        inside = (square * self.per_signal.value) ** 2 + 4.0 * rest * square * self.variance(0.0).value
         if rest <= 0.0 or inside < 0.0:
             return Missing(f"the fixed pattern keeps the ratio below {ratio:g}")
         signal = (square * self.per_signal.value + math.sqrt(inside)) / (2.0 * rest)
@@ -99,7 +108,17 @@ def _polynomial(patches: Sequence[GrayPatch], kind: str, order: int) -> tuple[Un
     return correlated(found, covariance)
 
 
-def _pattern(patches: Sequence[GrayPatch]) -> Uncertain:
+def _fixed(patches: Sequence[GrayPatch]) -> tuple[Uncertain, ...]:
+    """Return offsets and pattern of the fixed pattern's variance offsets + pattern S^2, by weighted least squares."""
+    known = [(patch.mean.value, patch.fixed) for patch in patches if patch.fixed is not None]
+    x, y, spread = np.array([(mean, fixed.value, fixed.standard_uncertainty) for mean, fixed in known]).T
+    model = np.stack([np.ones_like(x), x**2], axis=1)
+    weight = 1.0 / np.maximum(spread, 1e-300) ** 2
+    covariance = np.linalg.inv(model.T @ (weight[:, None] * model))
+    return correlated(covariance @ (model.T @ (weight * y)), covariance)
+
+
+def bright_pattern(patches: Sequence[GrayPatch]) -> Uncertain:
     """Return the variance of the fixed pattern over the square of the signal, from the brightest patches."""
     brightest = [patch for patch in patches if patch.mean.value > 0.2 * patches[-1].mean.value]
     ratios = [patch.fixed / (patch.mean * patch.mean) for patch in brightest if patch.fixed is not None]
