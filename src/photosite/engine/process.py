@@ -1,4 +1,4 @@
-"""Settings of a process that runs photosite only: a command, or a worker."""
+"""Settings of memory for a process that runs photosite only: a command, or a worker."""
 
 from __future__ import annotations
 
@@ -22,10 +22,18 @@ def prepare_process() -> None:
     """Search for cycles of objects less often, and let the C library keep freed memory for the next arrays.
 
     Importing modules makes objects by the hundred thousand and frees few: the searches take a tenth of a short command.
-    The GNU C library returns large arrays to the system when they are freed, which must clear the memory before it
-    gives it out again: a tenth to a third of a calibration. A variable that is set has priority.
     """
     gc.set_threshold(_NEW_OBJECTS)
+    keep_freed_memory()
+
+
+def keep_freed_memory() -> None:
+    """Let the C library keep freed memory for the next arrays.
+
+    The GNU C library returns large arrays to the system when they are freed, which must clear the memory before it
+    gives it out again: a tenth to a third of a calibration, and of a training pair. A variable that is set has
+    priority.
+    """
     stated = {"MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "GLIBC_TUNABLES"} & set(os.environ)
     if not sys.platform.startswith("linux") or stated:
         return
@@ -37,14 +45,14 @@ def prepare_process() -> None:
 
 
 _kept: list[Any] = []
-"""The C library, once `prepare_process` has set its options."""
+"""The C library, once `keep_freed_memory` has set its options."""
 
 
 def return_large_arrays() -> None:
     """Return freed memory to the system now, and that of large arrays whenever they are freed.
 
     Call this between steps of work on large frames: free parts of kept memory lie between used ones, and may be too
-    small for the next array. Without `prepare_process` it does nothing.
+    small for the next array. Without `keep_freed_memory` it does nothing.
     """
     for library in _kept:
         library.mallopt(_MMAP_THRESHOLD, _RETURNED_BYTES)

@@ -16,6 +16,8 @@ from multiprocessing.context import get_spawning_popen
 from multiprocessing.reduction import DupFd
 from typing import Any
 
+from photosite.engine.process import keep_freed_memory
+
 ALIGNED = 64
 """Arrays begin at multiples of this number of bytes."""
 
@@ -51,7 +53,8 @@ class _State:
 
 
 def _inherited(text: bytes, places: list[tuple[int, int]], descriptor: Any) -> Any:
-    """Return the state, in the process that inherited its arrays; what it writes to them stays its own."""
+    """Return the state, in the worker that inherited its arrays; what it writes to them stays its own."""
+    keep_freed_memory()
     opened = descriptor.detach()
     try:
         memory = memoryview(mmap.mmap(opened, 0, access=mmap.ACCESS_COPY) if places else b"")
