@@ -31,7 +31,9 @@ def test_contrast_detection_is_the_gaussian_probability() -> None:
         image = ChartImage((clean + sigma * random.normal(size=SHAPE) + 1e4,), "raw", black=1e4, white=1e6)
         found = measure(image, "macbeth", only=["contrast-detection"])["contrast-detection"]
         gray = {patch.name: brightest * value for patch, value in LUMINANCE.items()}
-        for (_, part), estimate in found.values.items():
+        for (quantity, part), estimate in found.values.items():
+            if quantity != "probability":
+                continue
             dark, bright = (gray[name] for name in part.removeprefix("M, ").split(" and "))
             contrast = bright / dark - 1.0
             one, other = (1.0 + contrast * factor for factor in (0.5, 1.5))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from photosite.errors import FileError, InputError
+from photosite.frames.companding import decompanded
 from photosite.frames.raw_frame import RawFrame
 from photosite.sensor.model import Sensor
 from photosite.values.cfa import MONOCHROME, Cfa, channel_mask, channel_names, channel_sites, shifted
@@ -239,8 +240,8 @@ def chart_image(
     Parameters
     ----------
     frames
-        One raw frame, or several of one scene and setting; files of raw frames or of pictures (PNG, JPEG, TIFF in
-        color); (rows, cols) mean electrons; or (rows, cols, 3) linear values of a picture.
+        One raw frame, or several of one scene and setting, companded ones as linear numbers; files of raw frames or of
+        pictures (PNG, JPEG, TIFF in color); (rows, cols) mean electrons; or (rows, cols, 3) linear values of a picture.
     sensor
         Source of the system gain.
     tone_curve
@@ -287,6 +288,7 @@ def chart_image(
 
 
 def _of_raw(frames: Sequence[RawFrame], sensor: Sensor | None) -> ChartImage:
+    frames = [decompanded(frame) for frame in frames]
     first = frames[0]
     first.check_mosaic()
     for what in ("shape", "cfa", "bits", "black_level_dn", "white_level_dn", "exposure_s"):

@@ -37,6 +37,16 @@ ONE_FRAME = DiagnosticKind(
     "Take eight frames or more.",
     ("snr_*",),
 )
+NOISE_STEPS = DiagnosticKind(
+    "noise-steps",
+    "note",
+    "The noise of gray patches is not a floor with shot noise and fixed pattern.",
+    "Frames combine several captures, or were processed: the dynamic range is that of the dark patches' noise, and "
+    "ratios are interpolated between patches.",
+    "None needed for frames of several captures.",
+    ("snr_*", "dynamic_range*"),
+    "Signal from which the noise has steps.",
+)
 _CORRELATED, _SIGNIFICANT = 0.1, 4.0
 """Correlation that is named, and its least size in its standard deviation by chance."""
 _VAGUE_DB = 2.0
@@ -61,7 +71,12 @@ def _measure(image: ChartImage, chart: PlacedChart, *, edition: Edition = 2013) 
                     f"{channel}, {kind}", f"log signal ({unit_of(image)})", "signal-to-noise ratio (dB)", x, y, spread
                 )
             )
-        values |= {(name, channel): Estimate.of(value, "") for name, value in _values(image, clear, edition).items()}
+        model = NoiseModel.of(clear, several=len(image.frames) > 1)
+        if model.limit < math.inf:
+            limit = max(model.limit, 0.0)
+            diagnostics.append(NOISE_STEPS(f"channel {channel}: noise has steps above a signal of {limit:.4g}", limit))
+        found = _values(image, clear, model, edition)
+        values |= {(name, channel): Estimate.of(value, "") for name, value in found.items()}
         alike, chance = _neighbors(image, chart, channel)
         if alike > max(_CORRELATED, _SIGNIFICANT * chance):
             text = f"channel {channel}: neighboring pixels have a correlation of {alike:.2f}"
@@ -84,26 +99,48 @@ def _ratios(patches: list[GrayPatch], kind: str) -> tuple[Array, Array, Array]:
     return x, y, spread
 
 
-def _values(image: ChartImage, patches: list[GrayPatch], edition: Edition) -> dict[str, Value]:
+def _values(image: ChartImage, patches: list[GrayPatch], model: NoiseModel, edition: Edition) -> dict[str, Value]:
     """Return ratios at 18 and 13 % of saturation, the signal at a ratio of 10, and the dynamic range."""
     several = len(image.frames) > 1
-    model = NoiseModel.of(patches, several=several)
     found: dict[str, Value] = {}
     white = image.white - image.black
-    bounded = math.isfinite(white)
-    missing = Missing("the image has no level of saturation")
+    models = {"": model} | ({"_temporal": model.temporal, "_fixed": model.fixed} if several else {})
     for percent, part in ((18, _MIDDLE), (13, _REFERENCE)):
-        found[f"snr_{percent}_db"] = model.ratio_db(part * white) if bounded else missing
-        if several:
-            found[f"snr_{percent}_temporal_db"] = model.temporal.ratio_db(part * white) if bounded else missing
-    if several:
-        found["snr_13_fixed_db"] = model.fixed.ratio_db(_REFERENCE * white) if bounded else missing
-    darkest = _darkest(patches, model, edition) if bounded else missing
+        for kind, each in models.items():
+            if percent == 13 or kind != "_fixed":
+                found[f"snr_{percent}{kind}_db"] = _ratio(patches, each, kind, part * white)
+    darkest = _darkest(patches, model, edition)
+    if math.isinf(white):
+        darkest = Missing("the image has no level of saturation")
     found["dynamic_range_db"] = derive(lambda signal: (white / signal).decibel(20.0), darkest)
     found["signal_snr_10"] = model.signal_at(10.0)
     if several:
         found["fixed_pattern_percent"] = _root(bright_pattern(patches))
     return found
+
+
+def _ratio(patches: list[GrayPatch], model: NoiseModel, kind: str, signal: float) -> Value:
+    """Return the ratio at a signal in dB, from the model, or between the two patches where the noise has steps."""
+    if math.isinf(signal):
+        return Missing("the image has no level of saturation")
+    if signal <= model.limit:
+        return model.ratio_db(signal)
+    above = next((number for number, patch in enumerate(patches) if patch.mean.value >= signal), 0)
+    if above == 0:
+        return Missing(f"no patch has a signal of {signal:.4g}")
+    pair = patches[above - 1 : above + 1]
+    variances = [_variance(patch, kind) for patch in pair]
+    if min(each.value for each in variances) <= 0.0:
+        return Missing("the variance of the noise is not above 0")
+    dark, bright = ((patch.mean / size.sqrt()).decibel(20.0) for patch, size in zip(pair, variances, strict=True))
+    part = math.log(signal / pair[0].mean.value) / math.log(pair[1].mean.value / pair[0].mean.value)
+    return dark * (1.0 - part) + bright * part
+
+
+def _variance(patch: GrayPatch, kind: str) -> Uncertain:
+    if patch.temporal is None or patch.fixed is None:
+        return patch.total
+    return {"": patch.temporal + patch.fixed, "_temporal": patch.temporal, "_fixed": patch.fixed}[kind]
 
 
 def _darkest(patches: list[GrayPatch], model: NoiseModel, edition: Edition) -> Value:

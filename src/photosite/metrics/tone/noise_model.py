@@ -24,6 +24,8 @@ class NoiseModel(Shown):
         Without signal, of shot noise, and of the fixed pattern that is proportional to the signal.
     offsets
         Of the fixed pattern without signal; 0 where `floor` includes it.
+    limit
+        Largest signal that follows the model; the noise of combined captures has steps.
 
     Examples
     --------
@@ -36,6 +38,7 @@ class NoiseModel(Shown):
     per_signal: Uncertain
     pattern: Uncertain
     offsets: Uncertain = field(default_factory=lambda: Uncertain(0.0))
+    limit: float = math.inf
 
     @classmethod
     def of(cls, patches: Sequence[GrayPatch], *, several: bool) -> NoiseModel:
@@ -47,10 +50,13 @@ class NoiseModel(Shown):
             If there are too few patches.
         """
         if several:
-            floor, per_signal = _polynomial(patches, "temporal", 1)
-            offsets, pattern = _fixed(patches)
-            return cls(floor, per_signal, pattern, offsets)
-        return cls(*_polynomial(patches, "total", 2))
+            (floor, per_signal), used = _polynomial(patches, "temporal", 1)
+            offsets, pattern = _fixed(patches[: used or None])
+        else:
+            (floor, per_signal, pattern), used = _polynomial(patches, "total", 2)
+            offsets = Uncertain(0.0)
+        limit = math.inf if used == len(patches) else patches[used - 1].mean.value if used else -math.inf
+        return cls(floor, per_signal, pattern, offsets, limit)
 
     @property
     def temporal(self) -> NoiseModel:
@@ -83,29 +89,43 @@ class NoiseModel(Shown):
         signal = (square * self.per_signal.value + math.sqrt(inside)) / (2.0 * rest)
         if signal <= 0.0:
             return Missing("the variance of the noise is not above 0")
+        if signal > self.limit:
+            return Missing(f"the noise has steps above a signal of {max(self.limit, 0.0):.4g}")
         # Implicit differentiation of S^2 = ratio^2 variance(S).
         steepness = 2.0 * signal * rest - square * self.per_signal.value
         change = self.variance(signal) * (square / steepness)
         return change - change.value + signal
 
 
-def _polynomial(patches: Sequence[GrayPatch], kind: str, order: int) -> tuple[Uncertain, ...]:
-    """Return the coefficients of the variance over the signal, by weighted least squares over the patches."""
+_IN_STEPS = 1e-5
+"""Probability of the residuals of a polynomial by chance from which the noise has steps."""
+
+
+def _polynomial(patches: Sequence[GrayPatch], kind: str, order: int) -> tuple[tuple[Uncertain, ...], int]:
+    """Return the coefficients of the variance over the signal, by weighted least squares, and the number of patches.
+
+    All patches are used, or those from the darkest on that a polynomial describes.
+    """
+    from scipy.special import chdtrc
+
     pairs = [(patch.mean.value, getattr(patch, kind)) for patch in patches]
     if len(pairs) < order + 2:
         expected = f"{order + 2} or more"
         raise InputError("gray patches that are not clipped", value=len(pairs), expected=expected)
-    x = np.array([mean for mean, _ in pairs])
-    y = np.array([variance.value for _, variance in pairs])
-    relative = np.array([variance.standard_uncertainty / max(variance.value, 1e-300) for _, variance in pairs])
-    model = np.vander(x, order + 1, increasing=True)
-    fitted = y
-    for _ in range(10):  # weights from the polynomial, not from the noisy variances
-        weight = 1.0 / np.maximum(relative * np.maximum(fitted, y.min() * 0.1), 1e-300) ** 2
-        covariance = np.linalg.inv(model.T @ (weight[:, None] * model))
-        found = covariance @ (model.T @ (weight * y))
-        fitted = model @ found
-    return correlated(found, covariance)
+    mean, size, spread = np.array([(x, each.value, each.standard_uncertainty) for x, each in pairs]).T
+    for used in range(len(pairs), order + 1, -1):
+        x, y = mean[:used], size[:used]
+        relative = spread[:used] / np.maximum(y, 1e-300)
+        model = np.vander(x, order + 1, increasing=True)
+        fitted = y
+        for _ in range(10):  # weights from the polynomial, not from the noisy variances
+            weight = 1.0 / np.maximum(relative * np.maximum(fitted, y.min() * 0.1), 1e-300) ** 2
+            covariance = np.linalg.inv(model.T @ (weight[:, None] * model))
+            found = covariance @ (model.T @ (weight * y))
+            fitted = model @ found
+        if chdtrc(used - order - 1, float(weight @ (y - fitted) ** 2)) > _IN_STEPS:
+            return correlated(found, covariance), used
+    return correlated(found, covariance), 0
 
 
 def _fixed(patches: Sequence[GrayPatch]) -> tuple[Uncertain, ...]:
