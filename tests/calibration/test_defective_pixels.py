@@ -331,7 +331,7 @@ def test_uneven_light_is_no_noise_of_pixels() -> None:
     sums = FrameSums(SHAPE).add(dn)
     found = PixelSurvey(frames, np.zeros((1, 1), np.int64))
     entry = GroupStatistics(frames.groups[0], tuple(map(Level.of, sums.label_totals())))
-    found.add(entry, sums)
+    found.add(entry, sums, sums.label_totals())
     assert not found.noisy_flats([entry])
     assert not found.add_noise(sums)
 
@@ -342,7 +342,7 @@ def survey(dark: np.ndarray) -> int:
     sums = FrameSums(dark.shape[1:]).add(dark)
     statistics = GroupStatistics(frames.groups[0], tuple(map(Level.of, sums.label_totals())))
     found = PixelSurvey(frames, np.zeros((1, 1), np.int64))
-    found.add(statistics, sums)
+    found.add(statistics, sums, sums.label_totals())
     found.add_noise(sums)
     index = found.found()
     return 0 if index is None else len(index)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,50 +11,72 @@ from numpy.typing import NDArray
 from photosite.engine.jit import F64, I64, compiled
 from photosite.engine.threads import parallel_for
 
-U32 = NDArray[np.uint32]
+Whole = NDArray[np.unsignedinteger]
 
 
 _PART = 128
 """Pixels of a row that are counted at once, before single ones are looked at."""
 
+_RUN = 1 << 15
+"""Pixels that are counted in a number of 16 bits."""
+
 
 class Limits(NamedTuple):
     """Lowest numbers of the pixels of each color, and how much larger the largest ones are.
 
-    Both are (tile rows, steps, cols): the rows of each row of the tile are divided evenly into steps.
+    Both are (tile rows, steps, cols), of the type of the pixels, so that as many are compared at once as are read. The
+    rows of each row of the tile are divided evenly into steps.
     """
 
-    lowest: U32
-    width: U32
+    lowest: Whole
+    width: Whole
+
+
+class Surface(NamedTuple):
+    """A surface over the pixels of a site: linear between its knots, and constant beyond them.
+
+    `knots` is (m, n); `rows` the place between them, in knots, of each step of `Limits`; `cols` (n,) their columns.
+    """
+
+    knots: F64
+    rows: F64
+    cols: F64
 
 
 @compiled()
 def fill_limits(
-    knots: F64, at: F64, below: float, above: float, site: tuple[int, int], period: int, limits: Limits
+    surface: Surface, below: float, above: float, site: tuple[int, int], period: int, limits: Limits
 ) -> None:
     """Compute the limits of the pixels of a site: distances below and above a surface.
 
-    - `knots`: (m, cols) the surface at m rows; it is linear in between.
-    - `at`: (steps,) place of each step between them.
-    - `site`, `period`: Row of the tile and first column of the site, and distance of its columns.
+    `site` is the row of the tile and the first column of the site, `period` the distance of its columns.
     """
+    knots, rows, cols = surface
     lowest, width = limits
-    largest = np.float64(0xFFFFFFFF)
-    for step in range(at.size):
-        first = min(int(at[step]), len(knots) - 1)
+    largest = np.float64(np.iinfo(lowest.dtype).max)
+    line = np.empty((lowest.shape[2] - site[1] + period - 1) // period)
+    for step in range(rows.size):
+        first = min(int(rows[step]), len(knots) - 1)
         second = min(first + 1, len(knots) - 1)
-        part = at[step] - first
+        part = rows[step] - first
+        for k in range(cols.size + 1):
+            left, right = max(k - 1, 0), min(k, cols.size - 1)
+            start = np.uint64(math.ceil(cols[left])) if k > 0 else np.uint64(0)
+            stop = np.uint64(math.ceil(cols[right])) if k < cols.size else np.uint64(line.size)
+            value = knots[first, left] + part * (knots[second, left] - knots[first, left])
+            last = knots[first, right] + part * (knots[second, right] - knots[first, right])
+            slope = (last - value) / max(cols[right] - cols[left], 1.0)
+            for c in range(start, stop):
+                line[c] = value + slope * (c - cols[left])
         low, wide = lowest[site[0], step], width[site[0], step]
-        for c in range(knots.shape[1]):
-            center = knots[first, c] + part * (knots[second, c] - knots[first, c])
-            start = min(max(math.ceil(center - below), 0.0), largest)
-            stop = min(max(math.floor(center + above), start), largest)
-            low[site[1] + c * period] = np.uint32(start)
-            wide[site[1] + c * period] = np.uint32(stop - start)
+        for c in range(np.uint64(line.size)):
+            start_dn = min(max(np.ceil(line[c] - below), 0.0), largest)
+            low[site[1] + c * period] = start_dn
+            wide[site[1] + c * period] = min(max(np.floor(line[c] + above), start_dn), largest) - start_dn
 
 
 @compiled()
-def _count_outside(start: int, stop: int, values: NDArray[Any], limits: Limits, counts: U32) -> None:
+def _count_outside(start: int, stop: int, values: Whole, limits: Limits, counts: NDArray[np.uint32]) -> None:
     lowest, width = limits
     tile_rows, steps = lowest.shape[0], lowest.shape[1]
     for r in range(start, stop):
@@ -65,16 +87,20 @@ def _count_outside(start: int, stop: int, values: NDArray[Any], limits: Limits, 
 
 
 @compiled()
-def _outside(row: NDArray[Any], lowest: U32, width: U32) -> int:
-    found = np.uint32(0)
-    for c in range(np.uint64(row.size)):
-        # Unsigned: what is below the lowest number becomes large.
-        found += np.uint32(np.uint32(np.uint32(row[c]) - lowest[c]) > width[c])
-    return int(found)
+def _outside(row: Whole, lowest: Whole, width: Whole) -> int:
+    whole, total = row.dtype.type, 0
+    for first in range(0, row.size, _RUN):
+        part, low, wide = row[first : first + _RUN], lowest[first : first + _RUN], width[first : first + _RUN]
+        found = whole(0)  # of the type of the pixels, for vector instructions
+        for c in range(np.uint64(part.size)):
+            # Unsigned: what is below the lowest number becomes large.
+            found = whole(found + whole(whole(part[c] - low[c]) > wide[c]))
+        total += int(found)
+    return total
 
 
 @compiled()
-def _columns_outside(rows: I64, values: NDArray[Any], limits: Limits, cols: I64) -> None:
+def _columns_outside(rows: I64, values: Whole, limits: Limits, cols: I64) -> None:
     lowest, width = limits
     tile_rows, steps = lowest.shape[0], lowest.shape[1]
     place = 0
@@ -86,7 +112,7 @@ def _columns_outside(rows: I64, values: NDArray[Any], limits: Limits, cols: I64)
             last = min(first + _PART, row.size)
             if _outside(row[first:last], low[first:last], wide[first:last]):
                 for c in range(first, last):
-                    if np.uint32(np.uint32(row[c]) - low[c]) > wide[c]:
+                    if row.dtype.type(row[c] - low[c]) > wide[c]:
                         cols[place] = c
                         place += 1
 
@@ -97,7 +123,7 @@ def outside(values: NDArray[np.unsignedinteger], limits: Limits) -> tuple[I64, I
     Examples
     --------
     >>> values = np.array([[10, 11, 10, 30], [10, 9, 2, 10]], np.uint16)
-    >>> limits = Limits(np.full((1, 1, 4), 8, np.uint32), np.full((1, 1, 4), 7, np.uint32))
+    >>> limits = Limits(np.full((1, 1, 4), 8, np.uint16), np.full((1, 1, 4), 7, np.uint16))
     >>> [found.tolist() for found in outside(values, limits)]
     [[0, 1], [3, 2]]
     """

@@ -12,6 +12,8 @@ from photosite.errors import CalibrationError
 from photosite.values.shown import Shown
 from photosite.values.uncertain import COVERAGE_95, Measured, Missing, Source, Uncertain, Value
 
+_normal_quantile = NormalDist().inv_cdf
+
 
 def signed_root(x: float) -> float:
     """Return sign(x) sqrt(|x|), so that a negative variance estimate keeps its sign and size."""
@@ -112,7 +114,7 @@ def _upper_end(x: float) -> float:
     The limit satisfies P(mean > limit | mean > 0) = 0.05.
     """
     tail = 0.05 * 0.5 * math.erfc(-x / math.sqrt(2.0))
-    return x - NormalDist().inv_cdf(tail) if tail > 0.0 else 0.0
+    return x - _normal_quantile(tail) if tail > 0.0 else 0.0
 
 
 def _lower_end(x: float) -> float:
@@ -122,7 +124,7 @@ def _lower_end(x: float) -> float:
     for _ in range(50):
         y = 0.5 * (first + last)
         tail = 0.5 * math.erfc(y / math.sqrt(2.0))
-        z = -NormalDist().inv_cdf(0.05 * (1.0 - tail))
+        z = -_normal_quantile(0.05 * (1.0 - tail))
         first, last = (y, last) if _upper_end(-y) + z > x else (first, y)
     return x - z
 
@@ -141,14 +143,13 @@ def upper_limit_95(variance: Uncertain) -> float | None:
     True
     """
     u = variance.standard_uncertainty
-    normal = NormalDist()
-    if u == 0.0 or variance.value > normal.inv_cdf(0.95) * u:
+    if u == 0.0 or variance.value > _normal_quantile(0.95) * u:
         return None
     # P(true > limit | true > 0) = 0.05, written with erfc, which stays accurate far below zero.
     tail = 0.05 * 0.5 * math.erfc(-variance.value / (u * math.sqrt(2.0)))
     if tail == 0.0:
         return None
-    return signed_root(variance.value - u * normal.inv_cdf(tail))
+    return signed_root(variance.value - u * _normal_quantile(tail))
 
 
 Interval = tuple[float, float]

@@ -30,7 +30,7 @@ SAME_EXPOSURE = 1e-6
 
 def same_exposure(exposure_s: ArrayLike, other_s: ArrayLike) -> NDArray[np.bool_]:
     """Return whether exposure times are equal except for rounding."""
-    return np.asarray(np.isclose(exposure_s, other_s, rtol=SAME_EXPOSURE, atol=0.0))
+    return np.asarray(np.abs(np.subtract(exposure_s, other_s)) <= SAME_EXPOSURE * np.abs(other_s))
 
 
 def shifts_with_mean(variance: ArrayLike) -> bool:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import GroupStatistics, reference_dark
 from photosite.engine.frame_sums import FrameSums, LabelTotals
-from photosite.engine.outlying_pixels import Limits, fill_limits, outside
+from photosite.engine.outlying_pixels import Limits, Surface, fill_limits, outside
 from photosite.engine.site_planes import plane_shape
 from photosite.frames.frame_set import FrameSet
 from photosite.values.region import Region
@@ -346,10 +346,10 @@ class PixelSurvey:
         self.totals: dict[int, GroupTotals] = {}
         self._black, self._last = math.inf, 0.0
 
-    def add(self, statistics: GroupStatistics, sums: FrameSums) -> bool:
+    def add(self, statistics: GroupStatistics, sums: FrameSums, totals: tuple[LabelTotals, ...]) -> bool:
         """Search the mean of a group, where it shows more than those before; return whether it has more `suspects`."""
         self._groups.append(statistics)
-        self.totals[id(statistics.group)] = GroupTotals(sums.label_totals(), sums.label_frame_totals())
+        self.totals[id(statistics.group)] = GroupTotals(totals, sums.label_frame_totals())
         level = statistics.levels[0].mean
         if statistics.group.kind == "dark":
             self._black = min(self._black, level)
@@ -452,7 +452,7 @@ def _outliers(total: NDArray[np.unsignedinteger], count: int, tile: _Ints) -> _I
         limits[site] = _limits((samples - middle[..., None]).ravel(), shape[0] * shape[1], LEAST_DN * count)
         centers = [np.asarray(0.5 * (ends[1:] + ends[:-1] - 1), np.float64) for ends in (rows, cols)]
         parts.append((site, middle, centers[0], centers[1]))
-    row, col = outside(total, _pixel_limits(parts, limits, total.shape, tile))
+    row, col = outside(total, _pixel_limits(parts, limits, total, tile))
     if len(row) > MOST_DEFECTIVE * total.size:
         return np.zeros(0, np.int64)
     found = [np.zeros(0, np.int64)]
@@ -467,18 +467,17 @@ def _outliers(total: NDArray[np.unsignedinteger], count: int, tile: _Ints) -> _I
 def _pixel_limits(
     parts: Sequence[tuple[tuple[int, int], _Floats, _Floats, _Floats]],
     limits: Mapping[tuple[int, int], _Limits],
-    shape: tuple[int, ...],
+    total: NDArray[np.unsignedinteger],
     tile: _Ints,
 ) -> Limits:
     """Return the `NEAR` limits of each pixel, about the surface through the middles of the blocks of its site."""
     steps = _STEPS * len(parts[0][2])
-    found = Limits(*np.empty((2, tile.shape[0], steps, shape[1]), np.uint32))
+    found = Limits(*np.empty((2, tile.shape[0], steps, total.shape[1]), total.dtype))
     for site, middle, of_rows, of_cols in parts:
-        rows, cols = plane_shape(shape, site, tile.shape)
-        across = np.array([np.interp(np.arange(cols), of_cols, line) for line in middle])
+        rows, _ = plane_shape(total.shape, site, tile.shape)
         at = np.interp((np.arange(steps) + 0.5) * rows / steps - 0.5, of_rows, np.arange(len(of_rows)))
-        near = (NEAR * limits[site].below, NEAR * limits[site].above)
-        fill_limits(across, np.asarray(at, np.float64), *near, site, tile.shape[1], found)
+        surface = Surface(middle, np.asarray(at, np.float64), of_cols)
+        fill_limits(surface, NEAR * limits[site].below, NEAR * limits[site].above, site, tile.shape[1], found)
     return found
 
 

@@ -27,7 +27,7 @@ from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatis
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.calibration.reduction.turned_frames import TURNED_FRAME
 from photosite.calibration.spatial.pixel_slopes import PixelSlopes, slope_coefficients
-from photosite.engine.frame_sums import FrameSums, MeanFrame
+from photosite.engine.frame_sums import FrameSums, LabelTotals, MeanFrame
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameGroup, FrameSet
 from photosite.frames.repaired_frames import PixelReplacement
@@ -271,9 +271,11 @@ def _reduce(reader: FrameReader, survey: PixelSurvey | None) -> tuple[Reduction,
         survey.clear()
 
     def read(group: FrameGroup) -> tuple[GroupStatistics, FrameSums]:
-        statistics, sums = read_group(reader, group)
+        sums = reader.sums(group)
+        totals = sums.label_totals()
+        statistics = _statistics(group, sums, totals)
         samples[id(group)] = sums.sum[rows, cols] / sums.count
-        if survey is not None and survey.add(statistics, sums):
+        if survey is not None and survey.add(statistics, sums, totals):
             reader.watch(_replacement(reader, survey.suspects()))
         return statistics, sums
 
@@ -393,5 +395,9 @@ def dark_slope_coefficients(darks: Sequence[FrameGroup]) -> NDArray[np.float64] 
 def read_group(reader: FrameReader, group: FrameGroup, *, variance: bool = False) -> tuple[GroupStatistics, FrameSums]:
     """Return a group's statistics, and its sums as `FrameReader.sums` does, valid until the next group is read."""
     sums = reader.sums(group, variance=variance)
+    return _statistics(group, sums, sums.label_totals()), sums
+
+
+def _statistics(group: FrameGroup, sums: FrameSums, totals: Sequence[LabelTotals]) -> GroupStatistics:
     means = tuple(total / sums.sum.size for total in sums.frame_totals())
-    return GroupStatistics(group, tuple(Level.of(totals) for totals in sums.label_totals()), frame_means=means), sums
+    return GroupStatistics(group, tuple(Level.of(each) for each in totals), frame_means=means)

@@ -55,7 +55,10 @@ SAME_EXPOSURE = 1e-6
 """Relative difference of the exposure times of flat fields that are one."""
 
 _BOX = 9
-"""Side of the square whose mean is subtracted, in pixels of a channel."""
+"""Side of the square whose mean is subtracted, in pixels of a channel: three times three."""
+
+_SAMPLES = 1 << 13
+"""Pixels from which the spread of a plane is computed, at least, where it has as many: it is known to 1 %."""
 
 _FAR = 6.0
 """Pixels farther than this, in standard deviations, do not count: a few hot pixels must not decide."""
@@ -133,13 +136,13 @@ class PixelLines:
 
     def add(self, group: int, mean: Map) -> None:
         """Add the mean frame of a light group."""
-        values = mean[self._rows]
+        cols = self._sums.shape[2]
+        lines = -1, self._tile.shape[0], cols
+        values = mean[self._rows].reshape(lines)
         for total, weights in zip(self._sums, self._weights, strict=True):
-            for k, of_channel in enumerate(weights):
-                if weight := of_channel.get(group, 0.0):
-                    for r, c in np.argwhere(self._tile == k):
-                        site = np.s_[r :: self._tile.shape[0], c :: self._tile.shape[1]]
-                        total[site] += weight * values[site]
+            factors = np.array([of_channel.get(group, 0.0) for of_channel in weights])[self._tile]
+            if factors.any():
+                total.reshape(lines)[:] += np.tile(factors, -(-cols // factors.shape[1]))[:, :cols] * values
 
     def agreements(
         self, dark: DarkResult, channels: Sequence[Channel], lights: Sequence[GroupStatistics]
@@ -231,13 +234,18 @@ class PixelLines:
 
 def _box_means(plane: F64) -> F64:
     """Return the means of squares around all pixels; pixels beyond the sides are those at the sides."""
-    padded = np.pad(plane, _BOX // 2, mode="edge")
-    down = padded[: len(plane)].copy()
-    for k in range(1, _BOX):
-        down += padded[k : k + len(plane)]
-    down /= _BOX
-    a, b, c, d, e, f, g, h, last = (down[:, k : k + plane.shape[1]] for k in range(_BOX))
-    return np.asarray((((a + b) + (c + d)) + ((e + f) + (g + h)) + last) / _BOX)
+    found = np.pad(plane, _BOX // 2, mode="edge")
+    for step in (1, 3):  # sums of three pixels, and then of three of these sums
+        found = found[: -2 * step] + found[step:-step] + found[2 * step :]
+        found = found[:, : -2 * step] + found[:, step:-step] + found[:, 2 * step :]
+    found /= _BOX**2
+    return found
+
+
+def _spread(plane: F64) -> float:
+    """Return the standard deviation by the median of the absolute values."""
+    step = max(plane.size // _SAMPLES, 1) | 1  # odd: of all columns
+    return 1.4826 * float(np.median(np.abs(plane.ravel()[::step])))
 
 
 @dataclass(frozen=True)
@@ -252,7 +260,7 @@ class _Moments:
 
     @classmethod
     def of(cls, flat: F64, pattern: F64, factor: float, noise: float) -> _Moments:
-        spread = 1.4826 * float(np.median(np.abs(pattern)))
+        spread = _spread(pattern)
         near = np.abs(pattern) <= _FAR * spread
         own = pattern[near]
         left = noise * (1.0 - 1.0 / _BOX**2) * own.size * factor
@@ -291,7 +299,7 @@ class _RatePlane:
 
     @classmethod
     def of(cls, dark: F64, flat: F64, noise: float, seconds: float, rate: float, slope: float) -> _RatePlane:
-        spread = 1.4826 * float(np.median(np.abs(dark)))
+        spread = _spread(dark)
         near = np.abs(dark) <= _FAR * spread
         dark, flat = (each[near] - each[near].mean() for each in (dark, flat))
         inside = np.abs(dark) < _NEAR * spread

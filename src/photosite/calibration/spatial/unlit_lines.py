@@ -13,6 +13,8 @@ UNLIT, LIT = 0.2, 0.5
 """Response of lines, relative to the median: lines below the first have no light, lines above the second have.
 The step between two neighboring lines tells a cover from light that falls off."""
 
+LEAST_ROWS = 256
+"""Rows, evenly spaced, of which the response of columns is the mean, at least, where there are as many."""
 
 UNLIT_LINES = DiagnosticKind(
     "unlit-lines",
@@ -64,8 +66,8 @@ def find_unlit_lines(slopes: F64, tile: tuple[int, ...]) -> UnlitLines | None:
     4
     """
     counts = []
-    for axis, period in enumerate(tile):
-        lines = slopes.mean(axis=1 - axis)
+    some = slopes[:: max(len(slopes) // LEAST_ROWS, 1)]
+    for lines, period in zip((slopes.mean(axis=1), some.mean(axis=0)), tile, strict=True):
         relative = np.empty(lines.size)
         for first in range(period):
             middle = float(np.median(lines[first::period]))
