@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from virtual_charts import virtual_edge
 
 from photosite.cli.main import COMMANDS, run
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.registry import measurements
+from photosite.studies.virtual_charts import virtual_edge
 
 
 @pytest.fixture(scope="module")

@@ -90,6 +90,18 @@ def test_defective_pixels(photosite: Any, monkeypatch: pytest.MonkeyPatch) -> No
     assert "3 of 120" in done.out
 
 
+@pytest.mark.smoke("reproduce image-quality")
+def test_image_quality(photosite: Any, tmp_path: Path) -> None:
+    arguments = ("reproduce", "image-quality", "--draws", 2, "--measurement", "flicker", "--processes", 1)
+    done = photosite(*arguments, "--table", tmp_path / "table.md")
+    assert done.status == 0
+    assert "mitigation_probability" in done.out
+    assert "| `flicker` | IEEE P2020" in (tmp_path / "table.md").read_text()
+    (row, *_) = photosite(*arguments, "--json").json["measurements"]["flicker"]["quantities"]
+    assert (row["quantity"], row["charts"]) == ("modulation", 2)
+    assert photosite("reproduce", "image-quality", "--measurement", "chart-light").status == 2
+
+
 @pytest.mark.smoke("reproduce random-sensors")
 def test_random_sensors(photosite: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     outcome = Outcome(3.0, 1.0, 1.0, False)

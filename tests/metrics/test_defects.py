@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from virtual_fields import virtual_field
 
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.measure import measure
+from photosite.studies.virtual_fields import virtual_field
 
 RGGB = (("R", "G"), ("G", "B"))
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from virtual_charts import virtual_edge
 
 from photosite.errors import FileError, InputError
 from photosite.metrics.limits import Limit, Limits, load_limits
 from photosite.metrics.measure import measure
+from photosite.studies.virtual_charts import virtual_edge
 from photosite.values.estimate import Estimate
 
 

@@ -1,73 +1,27 @@
-"""Shading of even fields: coverage against drawn falloff, the illumination put into a lens, and fields that mislead."""
+"""Shading of even fields: the illumination put into a lens, and fields that mislead."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from virtual_fields import VirtualField, virtual_field
 
 import photosite as ps
 from photosite.color.colorimetry import XYZ_FROM_SRGB, lab
 from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.measure import measure
-from photosite.metrics.measurement import FieldMap, Result
+from photosite.metrics.measurement import Result
 from photosite.optics.field_points import FieldPoints
 from photosite.optics.illumination import IlluminationTable
+from photosite.studies.measurements.shading import cell_means
+from photosite.studies.virtual_fields import VirtualField, virtual_field
 
-Light = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 RGGB = (("R", "G"), ("G", "B"))
-FIELDS = 60
-CORNERS = {"top left": (0, 0), "top right": (0, -1), "bottom left": (-1, 0), "bottom right": (-1, -1)}
 
 
 def measured(field: VirtualField) -> Result:
     return measure(ChartImage((field.electrons,), "electrons", RGGB), "uniform", only=["shading"])["shading"]
-
-
-def cell_means(light: Light, cells: FieldMap) -> NDArray[np.float64]:
-    """Return the means over cells of a function of rows and columns, by Gauss-Legendre quadrature."""
-    nodes, weights = np.polynomial.legendre.leggauss(4)
-    row, col = ((at[:, None] + np.diff(at).mean() * nodes / 2).ravel() for at in (cells.row, cells.col))
-    values = light(row, col).reshape(cells.row.size, 4, cells.col.size, 4)
-    return np.asarray(np.einsum("iajb,a,b->ij", values, weights / 2, weights / 2))
-
-
-def truth_of(field: VirtualField, result: Result) -> dict[tuple[str, str], float]:
-    cells = {each.part: each for each in result.maps}
-    light = {name: cell_means(partial(field.relative, name), cells[name]) for name in "RGB"}
-    truth: dict[tuple[str, str], float] = {}
-    for name, values in light.items():
-        center = values[values.shape[0] // 2, values.shape[1] // 2]
-        truth["shading_percent", name] = 100 * (1 - values.min() / values.max())
-        truth["nonuniformity_percent", name] = 100 * values.std() / values.mean()
-        truth["corners_percent", name] = 100 * values[[0, 0, -1, -1], [0, -1, 0, -1]].mean() / center
-        if name == "G":
-            truth |= {("corner_percent", part): 100 * values[at] / center for part, at in CORNERS.items()}
-            truth |= {("corner_stops", part): float(np.log2(values[at] / center)) for part, at in CORNERS.items()}
-    for name in "RB":
-        ratio = light[name] / light["G"]
-        change = ratio / ratio[ratio.shape[0] // 2, ratio.shape[1] // 2] - 1
-        truth["color_shading_percent", f"{name}/G"] = 100 * np.abs(change).max()
-    return truth
-
-
-@pytest.mark.parametrize("even", [False, True])
-def test_intervals_hold_the_truth(even: bool) -> None:
-    """Of 60 fields, 95 % intervals miss more than 8 in 1 of 200 runs; half as wide ones miss about 20."""
-    random = np.random.default_rng(20261130)
-    missed: dict[tuple[str, str], int] = {}
-    for _ in range(FIELDS):
-        field = virtual_field(random, even=even)
-        result = measured(field)
-        for key, value in truth_of(field, result).items():
-            low, high = result[key].interval_95 or (np.nan, np.nan)
-            missed[key] = missed.get(key, 0) + (not low <= value <= high)
-    assert max(missed.values()) <= 8, missed
 
 
 def test_illumination_of_a_lens() -> None:

@@ -14,7 +14,6 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 from PIL import Image, ImageCms, PngImagePlugin
-from virtual_charts import virtual_edge
 
 from photosite.cli.main import run
 from photosite.color.colorimetry import srgb_from_light
@@ -26,6 +25,7 @@ from photosite.metrics.image_checks import block_steps
 from photosite.metrics.measure import measure
 from photosite.metrics.registry import measurements
 from photosite.metrics.tone_curve import ToneCurve
+from photosite.studies.virtual_charts import virtual_edge
 
 SHAPE = (264, 392)
 CHART = placed_chart(chart_image(np.ones(SHAPE)), "macbeth")

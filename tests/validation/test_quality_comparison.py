@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from raising import raises
-from virtual_charts import VirtualEdge, virtual_edge
 
 from photosite.errors import InputError
 from photosite.metrics.measure import ImageQuality, measure
+from photosite.studies.virtual_charts import VirtualEdge, virtual_edge
 from photosite.validation.quality_comparison import compare_quality
 
 PAIRS = 30

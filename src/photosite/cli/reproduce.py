@@ -14,9 +14,13 @@ from photosite.cli.output import Stages, listed, say_if_compiling, show, table
 if TYPE_CHECKING:
     from photosite.studies.coverage import Coverage, CoverageStudy
     from photosite.studies.farrell2008.fill_factor import Recovery
+    from photosite.studies.image_quality import ImageQualityStudy
     from photosite.studies.random_sensors import RandomSensors
 
 SENSORS, QUICK_SENSORS = 500, 50
+
+
+CHARTS = 200
 
 
 class _ConditionOption(click.Option):
@@ -343,6 +347,69 @@ def detection(stacks: int, clean: int, as_json: bool) -> None:
     alarms = ", ".join(f"{id} {count}" for id, count in found["alarms"].items()) or "none"
     last = f"\nfalse alarms in {found['clean_stacks']} clean stacks: {alarms}"
     show(as_json, found, lambda: table([heading, *rows], "<<<><") + last)
+
+
+@command.command("image-quality")
+@click.option("--draws", type=options.Whole(1), default=CHARTS, help="Charts of each measurement.")
+@click.option("--measurement", "names", multiple=True, metavar="ID", help="Study this measurement only; repeatable.")
+@click.option(
+    "--table", "table_file", type=click.Path(dir_okay=False, path_type=Path), help="Markdown file of the table."
+)
+@options.workers_options(2)
+@options.json_option
+def image_quality(
+    draws: int, names: tuple[str, ...], table_file: Path | None, processes: int, scheduler: str | None, as_json: bool
+) -> None:
+    """Count how often 95 % intervals of image quality contain the truth.
+
+    Plain NumPy draws charts with noise, blur, uneven light, tilt, distortion and mosaics, where these apply to a
+    measurement (`photosite measure`), and hides the truth, which is known in closed form. For every quantity the table
+    has the charts with an interval, the fraction of intervals that contain the truth (covered), mean and root mean
+    square of error over uncertainty (bias and width; 0 and 1 are correct), and the largest. With 200 draws the
+    standard error of a coverage of 95 % is 1.5 %. A chart takes 0.01 to 2 s on one core.
+
+    Example: photosite reproduce image-quality --draws 20 --measurement edge-sfr
+    """
+    from photosite.files.writing import atomic_path
+    from photosite.studies.image_quality import image_quality_study
+
+    stages = Stages()
+    stages.stage(f"measuring {draws} charts of each measurement")
+    study = image_quality_study(
+        names,
+        charts=draws,
+        processes=processes,
+        scheduler=scheduler,
+        progress=lambda done, total: stages(done, total, "charts"),
+    )
+    if table_file is not None:
+        with atomic_path(table_file) as temporary:
+            temporary.write_text(study.markdown(), encoding="utf-8")
+    show(as_json, study.to_dict(), lambda: _image_quality_text(study))
+
+
+def _image_quality_text(study: ImageQualityStudy) -> str:
+    heading = ("quantity", "charts", "intervals", "covered", "bias", "width", "largest", "withheld")
+    parts = []
+    for name, seconds in study.seconds.items():
+        lines = [
+            (
+                row.quantity,
+                str(row.charts),
+                str(row.intervals),
+                f"{100 * row.covered:.1f} %",
+                f"{row.bias:+.2f}",
+                f"{row.width:.2f}",
+                f"{row.largest:+.1f}",
+                str(row.withheld),
+            )
+            for row in study.of(name)
+        ]
+        parts.append(f"{name}: {100 * study.pooled(name):.1f} % covered, {seconds:.2g} s a chart")
+        parts.append(table([heading, *lines], "<>>>>>>>"))
+        if refusals := study.refused.get(name):
+            parts.append(listed("refused:", (f"{count} charts: {why}" for why, count in refusals.items())))
+    return "\n".join(parts)
 
 
 def _answer(name: str, given: tuple[float, float] | str, truth: float) -> str:

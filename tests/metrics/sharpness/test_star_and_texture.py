@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, median_filter
 from scipy.optimize import brentq
-from virtual_charts import blurred, response
 
 import photosite as ps
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.measurement import Result
+from photosite.studies.virtual_charts import blurred, response
 
 CELLS, SIDE, SIGMA = 3, 240, 0.5
 BAYER = (("R", "G"), ("G", "B"))
@@ -56,19 +56,6 @@ def test_star_is_the_blur(star: tuple[NDArray[np.float64], dict[str, Any]]) -> N
     shown = curve.x < 0.4
     assert np.abs(curve.y - response(curve.x, SIGMA))[shown].max() < 0.006
     assert found["mtf50", "M"].value == pytest.approx(TRUE_MTF50, rel=0.01)
-
-
-def test_star_intervals(star: tuple[NDArray[np.float64], dict[str, Any]]) -> None:
-    """About the value without noise: of 40, more than 7 misses have a probability below 1 in 300."""
-    random = np.random.default_rng(8)
-    without = star_sfr(star[0] * 1000, star[1])["mtf50", "M"].value
-    assert without is not None
-    missed = 0
-    for _ in range(40):
-        low, high = star_sfr(noisy(random, star[0], 400.0), star[1])["mtf50", "M"].interval_95 or (1.0, 0.0)
-        missed += not low < without < high
-    print(f"{100 * (1 - missed / 40):.1f} %")
-    assert missed <= 7
 
 
 def test_star_of_a_mosaic(star: tuple[NDArray[np.float64], dict[str, Any]]) -> None:

@@ -1,4 +1,4 @@
-"""Images of charts with known image quality, by plain NumPy: no code of the simulator or of the measurements."""
+"""Images of charts with known image quality, by plain NumPy, without the simulator and the measurements."""
 
 from __future__ import annotations
 
@@ -10,18 +10,27 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
+from photosite.metrics.chart_image import ChartImage
+from photosite.values.cfa import MONOCHROME, Cfa
+
 Array = NDArray[np.float64]
 _CELLS = 5
+RGGB: Cfa = (("R", "G"), ("G", "B"))
 
 
 @dataclass(frozen=True)
 class VirtualEdge:
-    """An edge under a Gaussian blur on square pixels of `points` x `points` points, with shot and read noise."""
+    """An edge under a Gaussian blur on square pixels of `points` x `points` points, with shot and read noise.
+
+    `levels` are the mean electrons on the dark and on the bright side, in even light.
+    """
 
     electrons: Array
     sigma_px: float
     angle_rad: float
     points: int = _CELLS
+    cfa: Cfa = MONOCHROME
+    levels: tuple[float, float] = (0.0, 0.0)
 
     def response(self, frequency: float) -> float:
         """Return the response across the edge: the Gaussian times the pixel."""
@@ -35,9 +44,26 @@ class VirtualEdge:
             return None
         return float(brentq(lambda frequency: self.response(frequency) - level, 1e-6, 0.999))
 
+    def rise(self) -> float:
+        """Return the distance over which the profile rises from 10 to 90 %."""
+        part = (np.arange(self.points) + 0.5) / self.points - 0.5
+        offset = part[:, None] * math.cos(self.angle_rad) + part * math.sin(self.angle_rad)
 
-def virtual_edge(random: np.random.Generator, *, bent: bool = False, uneven: bool = False) -> VirtualEdge:
-    """Return an edge of random blur, angle, contrast and light; bent by distortion, under uneven light."""
+        def profile(distance: float) -> float:
+            return float(ndtr((distance + offset) / self.sigma_px).mean()) - 0.9
+
+        return 2.0 * float(brentq(profile, 0.0, 10.0 * self.sigma_px + 2.0))
+
+    @property
+    def image(self) -> ChartImage:
+        """The frame, a mosaic where it has a tile: the chart is gray, so that all channels have one response."""
+        return ChartImage((self.electrons,), "electrons", self.cfa)
+
+
+def virtual_edge(
+    random: np.random.Generator, *, bent: bool = False, uneven: bool = False, cfa: Cfa = MONOCHROME
+) -> VirtualEdge:
+    """Return an edge of random blur, angle, contrast and light; bent by distortion, under uneven light, in a mosaic."""
     rows, cols = 100, 90
     sigma, angle = random.uniform(0.3, 1.2), math.radians(random.uniform(2.5, 9.0) * random.choice([-1, 1]))
     contrast, bright = random.uniform(2.0, 20.0), 10 ** random.uniform(2.5, 4.3)
@@ -52,7 +78,15 @@ def virtual_edge(random: np.random.Generator, *, bent: bool = False, uneven: boo
     if uneven:
         along = random.uniform(-0.1, 0.1) * np.linspace(-1, 1, rows)[:, None]
         mean = mean * (1 + random.uniform(-0.1, 0.1) * np.linspace(-1, 1, cols) + along)
-    return VirtualEdge(random.poisson(mean) + random.normal(0.0, 5.0, mean.shape), sigma, angle)
+    noisy = random.poisson(mean) + random.normal(0.0, 5.0, mean.shape)
+    return VirtualEdge(noisy, sigma, angle, cfa=cfa, levels=(bright / contrast, bright))
+
+
+def kind_of_edge(random: np.random.Generator, number: int) -> VirtualEdge:
+    """Return an edge whose kinds alternate: bent or straight, in even light or not, monochrome or in a mosaic."""
+    return virtual_edge(
+        random, bent=number % 2 == 1, uneven=number % 4 >= 2, cfa=RGGB if number % 8 >= 4 else MONOCHROME
+    )
 
 
 @dataclass(frozen=True)
@@ -139,9 +173,9 @@ def blurred(fine: Array, cells: int, sigma_px: float) -> Array:
     """Return an image of square pixels of `cells` x `cells` points under a Gaussian blur."""
     fy, fx = (np.fft.fftfreq(size) * cells for size in fine.shape)  # cycles per pixel
     gauss = np.exp(-2.0 * (np.pi * sigma_px) ** 2 * (fy[:, None] ** 2 + fx**2))
-    smooth = np.fft.ifft2(np.fft.fft2(fine) * gauss).real
+    smooth: Array = np.fft.ifft2(np.fft.fft2(fine) * gauss).real
     rows, cols = (size // cells for size in fine.shape)
-    return smooth.reshape(rows, cells, cols, cells).mean(axis=(1, 3))
+    return np.asarray(smooth.reshape(rows, cells, cols, cells).mean(axis=(1, 3)))
 
 
 def response(frequency: Array, sigma_px: float, cells: int = 0) -> Array:
