@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import photosite as ps
 from photosite.cli.main import COMMANDS, run
 from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.photographs import measure_photographs
 from photosite.metrics.registry import measurements
 from photosite.studies.virtual_charts import virtual_edge
 
@@ -98,3 +100,60 @@ def test_a_camera_file_and_limits(tmp_path: Path, capsys: pytest.CaptureFixture[
     verdicts = [entry["verdict"] for entry in content["verdicts"]["limits"]]
     assert verdicts == ["pass"] * 3 + ["fail"] * 3
     assert run(["measure", *map(str, call), "--exit-status"]) == 1
+
+
+def listed(folder: Path, text: str) -> Path:
+    path = folder / "lab.photographs.yaml"
+    path.write_text("photosite_photographs: 1\nname: Lab\nphotographs:\n" + text, encoding="utf-8")
+    return path
+
+
+def test_photographs_of_several_charts_have_the_values_of_each(
+    edge: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "one.png").write_bytes(edge.read_bytes())
+    path = listed(
+        tmp_path,
+        "  - {chart: slanted-edge, frames: o*.png, only: [edge-sfr]}\n"
+        "  - {chart: slanted-edge, name: line, frames: [one.png], only: [edge-sfr], options: {edge-sfr: {order: 1}}}\n",
+    )
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("photosite_limits: 1\nlimits:\n  - edge-sfr.mtf50 >= 0.01\n", encoding="utf-8")
+    content = found(capsys, "--photographs", path, "--report", tmp_path / "lab.html", "--limits", limits)
+    assert content["name"] == "Lab"
+    for name, order in (("slanted-edge", 5), ("line", 1)):
+        alone = found(capsys, edge, "--chart", "slanted-edge", "--only", "edge-sfr", "--set", f"edge-sfr.order={order}")
+        assert content["charts"][name]["results"] == alone["results"]
+    assert len(content["verdicts"]["limits"]) == 2
+    assert "MTF50" in (tmp_path / "lab.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "what"),
+    [
+        ("  - {chart: slanted-edge, frames: none-*.png}\n", 4, "none-"),
+        ("  - {chart: slanted-egde, frames: one.png}\n", 4, "slanted-edge"),
+        ("  - {chart: slanted-edge, frames: one.png}\n  - {chart: slanted-edge, frames: one.png}\n", 5, "slanted-edge"),
+        ("  - {chart: slanted-edge, frames: one.png, exposure: 1}\n", 4, "exposure"),
+        (
+            "  - chart: slanted-edge\n    frames: one.png\n    corners: [[0, 0], [0, 9], [9, 9], [9, 9000]]\n",
+            4,
+            "corners",
+        ),
+        ("  - {chart: slanted-edge, frames: one.png, options: {edge-sfr: {oder: 1}}}\n", 4, "oder"),
+    ],
+)
+def test_a_mistake_in_a_list_of_photographs_is_named_with_its_line(
+    edge: Path, tmp_path: Path, text: str, line: int, what: str
+) -> None:
+    (tmp_path / "one.png").write_bytes(edge.read_bytes())
+    with pytest.raises(ps.FileError) as error:
+        measure_photographs(listed(tmp_path, text))
+    assert error.value.line == line
+    assert what in str(error.value)
+
+
+def test_photographs_and_frames_are_not_given_together(edge: Path, tmp_path: Path) -> None:
+    path = listed(tmp_path, f"  - {{chart: slanted-edge, frames: {edge}}}\n")
+    assert run(["measure", str(edge), "--photographs", str(path)]) == 2
+    assert run(["measure", "--photographs", str(path), "--chart", "slanted-edge"]) == 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -27,6 +27,12 @@ if TYPE_CHECKING:
     metavar="NAME",
     help="Chart in the frames, a built-in scene; --list shows which are measured. With --camera: may be repeated.  "
     "[default: all]",
+)
+@click.option(
+    "--photographs",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="List of photographs of several charts (YAML, docs/howto/image-quality.md): measure all, for one report.",
 )
 @click.option(
     *("--camera", "camera_file"),
@@ -89,6 +95,7 @@ if TYPE_CHECKING:
 def command(
     paths: tuple[Path, ...],
     list_them: bool,
+    photographs: Path | None,
     report: Path | None,
     limits_file: Path | None,
     exit_status: bool,
@@ -111,13 +118,16 @@ def command(
         raise click.UsageError("--exit-status requires --limits")
     limits = None if limits_file is None else _limits(limits_file)
     found: ImageQuality | CameraQuality
-    if given["camera_file"] is not None:
+    if photographs is not None:
+        _check_alone(click.get_current_context())
+        found = _of_photographs(photographs, given)
+    elif given["camera_file"] is not None:
         if paths:
             raise click.UsageError("expected FRAMES or --camera, not both")
         found = _simulated(given)
     else:
         if not paths or len(given["charts"]) != 1:
-            raise click.UsageError("expected FRAMES and one --chart, --camera, or --list")
+            raise click.UsageError("expected FRAMES and one --chart, --photographs, --camera, or --list")
         found = _measured(paths, given)
     if report is not None:
         with working("writing the report"):
@@ -132,6 +142,18 @@ def command(
     show(as_json, content, text, report=report)
     if exit_status and judged is not None and not judged.passed:
         raise click.exceptions.Exit(1)
+
+
+_WITH_PHOTOGRAPHS = {"photographs", "report", "limits_file", "exit_status", "as_json", "force", *options.READING}
+
+
+def _check_alone(context: click.Context) -> None:
+    """Raise an error for an option that the list of photographs states itself."""
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if name not in _WITH_PHOTOGRAPHS and options.is_given(context, name):
+            shown = parameter.opts[0] if isinstance(parameter, click.Option) else "FRAMES"
+            raise click.UsageError(f"--photographs lists the frames and how they are measured; omit {shown}")
 
 
 def _limits(path: Path) -> Limits:
@@ -170,28 +192,28 @@ def _simulated(given: dict[str, Any]) -> CameraQuality:
 
 def _measured(paths: Sequence[Path], given: dict[str, Any]) -> ImageQuality:
     from photosite.frames.io.formats import raw_files
-    from photosite.metrics.chart_image import ToneCurveName, chart_image
-    from photosite.metrics.measure import measure
-    from photosite.metrics.tone_curve import ToneCurve
+    from photosite.metrics.photographs import measure_files
     from photosite.sensor.io.sensor_file import load_sensor
 
-    sensor = None if given["sensor_name"] is None else load_sensor(given["sensor_name"])
-    files = [file for path in paths for file in raw_files(path)]
-    reading = {name: given[name] for name in options.READING}
-    curve = given["tone_curve"]
-    named = curve in get_args(ToneCurveName)
-    image = chart_image(files, sensor=sensor, tone_curve=curve if named else "file", **reading)
-    placing = {name: given[name] for name in ("corners", "detect", "illuminant", "luminance_cd_m2")}
-    return measure(
-        image,
+    placing = {name: given[name] for name in ("corners", "detect", "illuminant", "luminance_cd_m2", "tone_curve")}
+    return measure_files(
+        [file for path in paths for file in raw_files(path)],
         given["charts"][0],
-        tone_curve="file" if named else curve if curve == "chart" else ToneCurve.load(Path(curve)),
+        sensor=None if given["sensor_name"] is None else load_sensor(given["sensor_name"]),
+        reading={name: given[name] for name in options.READING},
         only=given["only"],
         options=_own_options(given["settings"]),
         on_progress=lambda id: say(f"measuring {id}"),
         chart_options=dict(given["chart_options"]),
         **placing,
     )
+
+
+def _of_photographs(file: Path, given: dict[str, Any]) -> CameraQuality:
+    from photosite.metrics.photographs import measure_photographs
+
+    reading = {name: given[name] for name in options.READING}
+    return measure_photographs(file, reading=reading, on_progress=lambda text: say(f"measuring {text}"))
 
 
 def _list(as_json: bool) -> None:

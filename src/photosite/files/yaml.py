@@ -35,6 +35,7 @@ FILE_KINDS = {
     "photosite_spectral": "a spectral protocol",
     "photosite_sweep": "a sweep file",
     "photosite_limits": "a file of limits",
+    "photosite_photographs": "a list of photographs",
     "photosite_entry": "a contributed camera",
     "photosite_camera_index": "an index of contributed cameras",
 }

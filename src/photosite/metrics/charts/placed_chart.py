@@ -19,7 +19,7 @@ from photosite.metrics.charts import slanted_squares
 from photosite.metrics.charts.color_checker import find_chart
 from photosite.scene.placement import Homography, check_corners, field_corners, field_size, place, seen_patches
 from photosite.scene.scene import Scene
-from photosite.scene.scene_request import BUILT_IN_SCENES, SceneRequest, chart_options
+from photosite.scene.scene_request import BUILT_IN_SCENES, OF_ANY_SIZE, SceneRequest, chart_options
 from photosite.values.region import Corners, Patch, Region
 from photosite.values.shown import Shown
 
@@ -180,9 +180,12 @@ def placed_chart(
     light: dict[str, Any] = {"illuminant": "D65" if illuminant is None else illuminant}
     if luminance_cd_m2 is not None:
         light["mean_luminance_cd_m2"] = luminance_cd_m2
-    scene = SceneRequest(chart, {**light, **(options or {})}).scene()
-    known = luminance_cd_m2 is not None
     own = chart_options(chart) | dict(options or {})
+    drawn = dict(options or {})
+    if chart in OF_ANY_SIZE and corners is None and not detect and not {"rows", "cols"} & drawn.keys():
+        drawn |= _sides(image.shape, min(own["rows"], own["cols"]))
+    scene = SceneRequest(chart, {**light, **drawn}).scene()
+    known = luminance_cd_m2 is not None
     if detect:
         corners = _detected(image, chart, scene, own)
     if corners is None:
@@ -197,6 +200,11 @@ def placed_chart(
         patches = tuple(_rectangle(view, region) for region in scene.regions)
     found: Found = "detected" if detect else "given corners"
     return PlacedChart(chart, scene, corners, patches, found, image.shape, known, own)
+
+
+def _sides(shape: tuple[int, int], smaller: int) -> dict[str, int]:
+    """Return the samples of a chart that takes the proportions of the frame, as those that are simulated do."""
+    return {name: -(-smaller * side // min(shape)) for name, side in zip(("rows", "cols"), shape, strict=True)}
 
 
 def _rectangle(view: Homography, region: Region) -> Region:

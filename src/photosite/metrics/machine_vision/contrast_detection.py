@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 _MOST_PIXELS = 4096
 """Pixels of a patch and frame that are compared."""
+_LEAST_CONTRAST = 0.05
+"""Of a pair: charts repeat patches, whose luminances differ by less."""
 
 
 def _measure(
@@ -37,7 +39,7 @@ def _measure(
     places = {patch.name: patch for patch in chart.patches}
     for channel in image.channels:
         patches = [patch for patch in gray_patches(image, chart, channel) if patch.luminance > 0]
-        pairs = [pair for pair in pairwise(patches) if pair[1].luminance > pair[0].luminance]
+        pairs = list(pairwise(_distinct(patches)))
         pixels = {patch.name: _sampled(image.pixels(places[patch.name], channel)) for patch in patches}
         rows = []
         shown: list[tuple[float, Uncertain]] = []
@@ -55,6 +57,15 @@ def _measure(
         label = f"log luminance of the darker patch ({unit})"
         curves.append(Curve(channel, label, "contrast detection probability", x, y, spread))
     return Result(values, tuple(curves))
+
+
+def _distinct(patches: list[GrayPatch]) -> list[GrayPatch]:
+    """Return the patches, dark to bright, of which each is brighter than the one before it."""
+    kept = patches[:1]
+    for patch in patches[1:]:
+        if patch.luminance > (1.0 + _LEAST_CONTRAST) * kept[-1].luminance:
+            kept.append(patch)
+    return kept
 
 
 def _sampled(values: Array) -> Array:
@@ -160,8 +171,9 @@ MEASUREMENT = Measurement(
     },
     oracle="probability of Gaussian signals in closed form",
     left_out=(
-        "Pairs are neighbors in luminance on the chart, single pixels. Contrast is the ratio of luminances less 1; its "
-        "tolerance is 50 % by default. The standard's text was not at hand: the probability of `detected` is a choice."
+        "Pairs are neighbors in luminance on the chart whose contrast is above 5 %, single pixels. Contrast is the "
+        "ratio of luminances less 1; its tolerance is 50 % by default. The standard's text was not at hand: the "
+        "probability of `detected` is a choice."
     ),
     order=400,
 )

@@ -49,7 +49,7 @@ def _measure(
 ) -> Result:
     if fps is None and velocity_px_per_s is None:
         hint = "Give fps of a clip of a vertical edge that moves along the rows"
-        raise InputError("fps or velocity_px_per_s", expected="given", hint=hint)
+        raise InputError("one of the options fps and velocity_px_per_s", expected="given", hint=hint)
     if static_slope is None:
         static_slope = math.tan(math.radians(float(chart.options["angle_deg"])))
     channel = image.sharp_channel
