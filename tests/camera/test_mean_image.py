@@ -13,12 +13,13 @@ from raising import raises
 from scipy.special import ndtr
 
 import photosite as ps
-from photosite.camera import channel_transfers, sampled_otf
+from photosite.camera import channel_transfers, mean_image, sampled_otf
 from photosite.camera.channel_transfers import reduced_transfers
 from photosite.camera.mean_image import apply_relative_illumination
 from photosite.engine.transfer import Sampling
 from photosite.errors import InputError
 from photosite.optics.diffraction import DiffractionLimited
+from photosite.optics.lens_design import LensDesign
 from photosite.optics.point_spread import FieldPsf, PlanePsf, PointSpread
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
@@ -373,6 +374,26 @@ def wider_in_red(spread: PlanePsf) -> PlanePsf:
         lambda w: spread.cutoff_per_m(w) * 550 / w,
         lambda w: spread.reach_m(w) * w / 550,
     )
+
+
+def test_frame_that_sees_part_of_the_field_needs_few_modes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nine nodes of 121 lie around the frame: ten modes replace all, and the image is the same."""
+    axis = np.arange(-10, 11) * 2.0
+    heights_mm, colors = np.linspace(0, 5, 6), np.array([450.0, 600.0])
+    coma = [[np.hypot(2.5 + h + w, axis[:, None]) + np.hypot(h, axis - 2 * h) for w in (0, 1)] for h in heights_mm]
+    psf = np.exp(-(np.array(coma) ** 2) / 50)
+    design = LensDesign(colors, psf, 2.0, np.zeros(6), heights_mm, tolerance=1e-4)
+    optics = ps.Lens(ps.DiffractionLimited(f_number=4, focal_length_mm=50), blur=design)
+    camera = ps.Camera(optics, D200.with_(rows=40, cols=60))
+    chart = ps.charts.macbeth(wavelength_nm=np.arange(400, 701, 20))
+    few = camera.mean_electrons(chart, 1 / 3)
+    modes = [
+        len(part.modes) for part in (optics.point_spread(chart.distance_m), mean_image._spread_on_frame(camera, 1.2))
+    ]
+    assert modes[0] > 20
+    assert modes[1] == 10
+    monkeypatch.setattr(mean_image, "_spread_on_frame", lambda camera, at_m: camera.optics.point_spread(at_m))
+    assert np.abs(few - camera.mean_electrons(chart, 1 / 3)).max() < 1e-5 * few.max()
 
 
 def test_reduction_of_maps_and_modes_is_within_tolerance(monkeypatch: pytest.MonkeyPatch) -> None:

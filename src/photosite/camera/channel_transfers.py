@@ -235,10 +235,13 @@ def _terms(otf: SampledOtf, coupling: Array, limit: float) -> tuple[Transfer, Ar
     # A term is 0 in all modes but its own.
     mixing = block_diagonal(*mixings).reshape(-1, otf.modes, coupling.shape[1])
     if otf.modes > 1 and len(mixing) > len(coupling) * otf.modes:
-        together = _fewest_combinations([MapTransfers.by_mode_and_map(otf, coupling)], limit)
-        together = together.reshape(-1, otf.modes, coupling.shape[1])
-        if _term_cost(together) < _term_cost(mixing):
-            mixing = together
+        of_all_modes = [MapTransfers.by_mode_and_map(otf, coupling)]
+        directions = _directions(of_all_modes)
+        terms = directions.reshape(-1, otf.modes, coupling.shape[1])
+        # Terms of all modes cost more each: whether as few as are worth it suffice is checked first.
+        most = int(np.searchsorted(np.cumsum(1 + _MAP_COST * terms.any(axis=2).sum(axis=1)), _term_cost(mixing)))
+        if (count := _fewest(of_all_modes, limit, directions, most)) is not None:
+            mixing = terms[:count]
     return otf.transfer(coupling, mixing), mixing
 
 
@@ -261,17 +264,31 @@ def _term_cost(mixing: Array) -> float:
 
 def _fewest_combinations(transfers: Sequence[MapTransfers], limit: float) -> Array:
     """Return (terms, maps): the fewest orthonormal combinations of maps that represent all within the limit."""
+    directions = _directions(transfers)
+    count = _fewest(transfers, limit, directions, len(directions) - 1)
+    return np.eye(len(directions)) if count is None else directions[:count]
+
+
+def _directions(transfers: Sequence[MapTransfers]) -> Array:
+    """Return (maps, maps): orthonormal combinations of maps, those that contribute most to the transfers first."""
     squares: Any = sum(part.squares(_STRIDE) for part in transfers)
     # Only singular values above 1e-6 of the first matter; doubles hold their squares, which are faster to find.
-    directions = np.linalg.eigh(squares)[1][:, ::-1].T
+    directions: Array = np.linalg.eigh(squares)[1][:, ::-1].T
+    return directions
+
+
+def _fewest(transfers: Sequence[MapTransfers], limit: float, directions: Array, most: int) -> int | None:
+    """Return how many of the first directions represent all transfers within the limit; None if more than `most`."""
 
     def enough(terms: int, stride: int) -> bool:
         return all(part.without(directions[:terms]).within(limit, stride) for part in transfers)
 
-    low, high = 1, len(directions)
+    if most < 1 or not enough(most, _STRIDE):
+        return None
+    low, high = 1, most
     while low < high:  # bisect with some of the frequencies
         middle = (low + high) // 2
         low, high = (low, middle) if enough(middle, _STRIDE) else (middle + 1, high)
-    while low < len(directions) and not enough(low, 1):  # then check all of them
+    while low <= most and not enough(low, 1):  # then check all of them
         low += 1
-    return directions[:low] if low < len(directions) else np.eye(len(directions))
+    return low if low <= most else None

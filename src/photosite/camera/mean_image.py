@@ -23,6 +23,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ from photosite.engine.transfer import Sampling
 from photosite.errors import InputError, PhotositeWarning
 from photosite.optics.distortion import RadialMapping, image_height, inverse_scale, wavelength_nodes
 from photosite.optics.lens import Optics
-from photosite.optics.point_spread import FieldPsf, PointSpread, RadialPsf
+from photosite.optics.point_spread import FieldPsf, PointSpread, RadialPsf, in_part_of_field
 from photosite.scene.placement import Placement, field_size, place
 from photosite.scene.planes import Plane, Planes
 from photosite.scene.scene import Scene
@@ -268,7 +269,7 @@ def mosaic_parts(
     array, pitch = sensor.array, pitch_m(sensor)
     shape, side = (array.rows, array.cols), math.sqrt(sensor.pixel.fill_factor.value)
     sampling = Sampling(pitch, (pitch[0] * side, pitch[1] * side), cells, low_pass_split_m(sensor))
-    spread, mapping = optics.point_spread(scene.distance_m), optics.mapping(scene.distance_m)
+    spread, mapping = _spread_on_frame(camera, scene.distance_m), optics.mapping(scene.distance_m)
     nodes_nm, fractions = frame_wavelength_nodes(mapping, scene.wavelength_nm, shape, pitch)
     transfers = reduced_transfers(spread, coupling, scene.wavelength_nm, sampling, fractions, progress)
     padding = math.ceil(max((reduced.padding_m for reduced in transfers), default=0.0) / min(pitch))
@@ -281,6 +282,25 @@ def mosaic_parts(
     field = _field(spread, sensor) if isinstance(spread, FieldPsf) else None
     layers = [_layer(reduced, tuple(views), field) for reduced in transfers]
     return MosaicParts(layers, sampling, grid, [channel_sites(array.cfa, name) for name in sensor.channel_names])
+
+
+def _spread_on_frame(camera: CameraParts, distance_m: float) -> PointSpread:
+    """Return the point spread, of a lens that varies over the field with the modes that the frame needs only."""
+    spread = camera.optics.point_spread(distance_m)
+    if not isinstance(spread, FieldPsf):
+        return spread
+    array, pitch = camera.sensor.array, pitch_m(camera.sensor)
+    wavelengths = (550.0,) if spread.modes[0].wavelength_nm is None else spread.modes[0].wavelength_nm
+    reach_m = max(mode.reach_m(float(nm)) for mode in spread.modes for nm in wavelengths)
+    y_m, x_m = (count * size / 2 + reach_m for count, size in zip((array.rows, array.cols), pitch, strict=True))
+    kept = _frame_spreads.get(spread)
+    if kept is None or kept[0] != (y_m, x_m):
+        _frame_spreads[spread] = kept = (y_m, x_m), in_part_of_field(spread, (-y_m, y_m), (-x_m, x_m))
+    return kept[1]
+
+
+_frame_spreads: WeakKeyDictionary[FieldPsf, tuple[tuple[float, float], FieldPsf]] = WeakKeyDictionary()
+"""The latest result of each lens, for as long as it lives: a series of frames repeats the same call."""
 
 
 def _layer(reduced: ReducedTransfer, views: tuple[View, ...], field: Field | None) -> Layer:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -103,6 +103,60 @@ class FieldPsf(Shown):
 
 
 PointSpread = RadialPsf | PlanePsf | FieldPsf
+
+
+def in_part_of_field(spread: FieldPsf, y_m: tuple[float, float], x_m: tuple[float, float]) -> FieldPsf:
+    """Return the same PSFs in a part of the field, from fewer modes where the part has fewer nodes than modes.
+
+    The first mode stays; the others become the principal components of the weights in the part. Nothing is left out.
+    Spreads whose OTFs are not sampled stay as they are.
+
+    Parameters
+    ----------
+    spread
+        PSFs over the field.
+    y_m, x_m
+        First and last position of the part on each axis.
+
+    Examples
+    --------
+    >>> spots = np.zeros((4, 1, 3, 3))
+    >>> spots[range(4), 0, (1, 0, 1, 2), (1, 1, 0, 2)] = 1.0
+    >>> modes = tuple(PlanePsf(SampledPsf(np.array([550.0]), s, 1e-6), Constant(5e5), Constant(1e-6)) for s in spots)
+    >>> nodes = np.array([0.0, 1e-3, 2e-3, 3e-3])
+    >>> spread = FieldPsf(np.zeros(1), nodes, np.eye(4)[:, None], modes)
+    >>> part = in_part_of_field(spread, (0.0, 0.0), (0.2e-3, 0.8e-3))
+    >>> len(part.modes), part.x_m
+    (2, array([0.   , 0.001]))
+    """
+    rows, cols = (_nodes_around(nodes, part) for nodes, part in ((spread.y_m, y_m), (spread.x_m, x_m)))
+    weights = spread.weights[:, rows, cols]
+    sampled = [mode.otf for mode in spread.modes if isinstance(mode.otf, SampledPsf)]
+    if weights[0].size + 1 >= len(spread.modes) or len(sampled) < len(spread.modes):
+        return spread
+    modes, size, nodes = np.linalg.svd(weights[1:].reshape(len(weights) - 1, -1), full_matrices=False)
+    used = int(np.count_nonzero(size > _ROUNDING * np.linalg.norm(weights)))
+    samples = np.tensordot(modes[:, :used] * size[:used], np.stack([otf.samples for otf in sampled[1:]]), axes=(0, 0))
+    return replace(
+        spread,
+        y_m=spread.y_m[rows],
+        x_m=spread.x_m[cols],
+        weights=np.concatenate([weights[:1], nodes[:used].reshape(-1, *weights.shape[1:])]),
+        modes=(
+            spread.modes[0],
+            *(replace(spread.modes[0], otf=replace(sampled[0], samples=own)) for own in samples),
+        ),
+    )
+
+
+def _nodes_around(nodes: Array, part: tuple[float, float]) -> slice:
+    """Return the nodes from the last one below a part of an axis to the first one above it."""
+    first = int(np.searchsorted(nodes, part[0], side="right")) - 1
+    return slice(max(first, 0), int(np.searchsorted(nodes, part[1])) + 1)
+
+
+_ROUNDING = 1e-13
+"""Weights of modes, relative to all, that are rounding errors."""
 
 
 Complex = NDArray[np.complex128]
