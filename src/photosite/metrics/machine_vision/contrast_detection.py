@@ -25,6 +25,9 @@ _MOST_PIXELS = 4096
 """Pixels of a patch and frame that are compared."""
 _LEAST_CONTRAST = 0.05
 """Of a pair: charts repeat patches, whose luminances differ by less."""
+_FEW_PIXELS = 5.0
+"""Expected number of pixels, of those that show the contrast or of the others, below which they are too few for a
+variance."""
 
 
 def _measure(
@@ -44,7 +47,8 @@ def _measure(
         rows = []
         shown: list[tuple[float, Uncertain]] = []
         for (dark, bright), found in zip(pairs, _probabilities(pairs, pixels, tolerance), strict=True):
-            estimate = Estimate.of(found, "", interval_95=_interval(found))
+            count = min(pixels[dark.name].size, pixels[bright.name].size)
+            estimate = Estimate.of(found, "", interval_95=_interval(found, count))
             values["probability", f"{channel}, {dark.name} and {bright.name}"] = estimate
             rows.append((dark.luminance, found.value, found.standard_uncertainty))
             if not bright.clipped:
@@ -145,10 +149,19 @@ def _slope(probability: float) -> float:
     return 0.5 * math.sqrt(2.0 * math.pi) * math.exp(0.5 * score**2) / score
 
 
-def _interval(found: Uncertain) -> tuple[float, float]:
-    """Return the 95 % interval within 0 and 1."""
-    half = COVERAGE_95 * found.standard_uncertainty
-    return max(found.value - half, 0.0), min(found.value + half, 1.0)
+def _interval(found: Uncertain, pixels: int) -> tuple[float, float]:
+    """Return the 95 % interval of Wilson, J. Am. Stat. Assoc. 22 (1927) 209, within 0 and 1.
+
+    The number of independent pairs is that with the same variance. Where a few pixels decide, they do not show the
+    variance, and the number is that of the pixels, its least (Hoeffding, Ann. Math. Stat. 19 (1948) 293).
+    """
+    p, variance = found.value, found.standard_uncertainty**2
+    few = min(p, 1.0 - p) * pixels < _FEW_PIXELS
+    count = float(pixels) if few or variance == 0.0 else p * (1.0 - p) / variance
+    square = COVERAGE_95**2 / count
+    half = math.sqrt(square * (p * (1.0 - p) + 0.25 * square))
+    low, high = ((p + 0.5 * square + side * half) / (1.0 + square) for side in (-1.0, 1.0))
+    return low, high
 
 
 MEASUREMENT = Measurement(

@@ -73,9 +73,11 @@ def _measure(
         "velocity": velocity,
         "line_time_us": _ratio(skew, velocity, 1e6),
         "exposure_ms": _ratio(blur, derive(lambda v: v * math.copysign(1.0, v.value), velocity), 1e3),
-        "jitter_ms": jitter,
     }
     values = {(name, ""): Estimate.of(value, "") for name, value in found.items()}
+    values["jitter_ms", ""] = (
+        Estimate.of_variance(jitter, "") if isinstance(jitter, Uncertain) else Estimate.of(jitter, "")
+    )
     place = np.array([edge.position.value for edge in edges])
     spread = np.array([edge.position.standard_uncertainty for edge in edges])
     frames = np.arange(1.0, count + 1)
@@ -152,7 +154,7 @@ def _exponential(value: Uncertain) -> Uncertain:
 
 
 def _motion(edges: list[_Edge], fps: float | None) -> tuple[Value, Value]:
-    """Return velocity in pixels/s, and the standard deviation of the times of the frames in ms."""
+    """Return velocity in pixels/s, and the variance of the times of the frames in ms^2."""
     if fps is None:
         return (Missing("fps is not given"),) * 2
     if len(edges) < 2:
@@ -173,7 +175,7 @@ def _motion(edges: list[_Edge], fps: float | None) -> tuple[Value, Value]:
     scaled = excess * (1e3 / velocity.value) ** 2
     if scaled.value <= 0.0 or not scaled.beyond(2.0):
         return velocity, Missing("the times of the frames differ by less than noise")
-    return velocity, scaled.sqrt()
+    return velocity, scaled
 
 
 def _ratio(one: Value, velocity: Value, scale: float) -> Value:

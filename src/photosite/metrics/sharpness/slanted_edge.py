@@ -230,7 +230,7 @@ def slanted_edge_mtf(
         direction = "horizontal"
         values, mask, origin = values.T, mask.T, (origin[1], origin[0])
         tile = tuple(zip(*tile, strict=True))
-    edge = first_edge(values, mask, order)
+    edge = first_edge(values, mask, order, len(tile[0]))
     near = mask & edge.within(reach_px + _LARGEST_MOVE_PX, values.shape)
     line, x = np.nonzero(near)
     pixels = Pixels(line, _centers(x), values[near], values.shape, len(tile[0]), reach_px)
@@ -361,6 +361,8 @@ _LEAST_CONTRAST = 0.05
 _STRAIGHT_PX = 2.0
 """Largest RMS distance of the edge in each line from the straight line."""
 _NO_EDGE = -1e6
+_PHASES_PER_ORDER = 1.0
+"""Highest order of an edge over the number of periods by which it moves."""
 _ENDS = 33
 """Lines along a bent edge where its distance from the sides is looked at."""
 _LARGEST_MOVE_PX = 8.0
@@ -471,8 +473,11 @@ class Profile(Shown):
         return float(self.mean[:outer].mean()), float(self.mean[-outer:].mean())
 
 
-def first_edge(values: Array, mask: NDArray[np.bool_], order: int = 1) -> Edge:
+def first_edge(values: Array, mask: NDArray[np.bool_], order: int = 1, period: int = 1) -> Edge:
     """Return the edge, a polynomial of an order, from the centroids of the derivative of each line.
+
+    An edge that moves by few periods of the channel's sites has a lower order: a polynomial that follows the phases of
+    the sites cannot be told from another profile.
 
     Raises `InputError` if the contrast is too low, or the edge is not smooth.
     """
@@ -491,7 +496,8 @@ def first_edge(values: Array, mask: NDArray[np.bool_], order: int = 1) -> Edge:
     # Use whole lines first, then windows around the edge that become narrower.
     for next_half in (values.shape[1] / 4, 2 * LEAST_HALF_WIDTH, None):
         centroids = _centroids(values, mask, lines, edge.at(y), half)
-        edge = edge.fitted(y, centroids, 1 if next_half is not None else order)
+        most = max(int(_PHASES_PER_ORDER * len(values) * abs(edge.slope) / period), 1)
+        edge = edge.fitted(y, centroids, 1 if next_half is not None else min(order, most))
         if next_half is not None:
             half = max(next_half, 2 * LEAST_HALF_WIDTH)
     scatter = float(np.sqrt(np.mean((centroids - edge.at(y)) ** 2)))
@@ -567,10 +573,13 @@ def profile_across(pixels: Pixels, edge: Edge, distance: Array, oversampling: in
     middle = (np.arange(2 * half) + 0.5 - half) / oversampling
     away = distance[inside] - middle[index]
     mean = np.bincount(index, value, 2 * half) / count
-    # The pixels of a bin are not centered in it: interpolate their mean to the center along the slope of the profile.
-    off = np.bincount(index, away, 2 * half) / count
+    # The pixels of a bin are not spread evenly in it: the mean becomes that of even pixels, along a local parabola.
+    off, square = (np.bincount(index, moment, 2 * half) / count for moment in (away, away**2))
     slope = np.gradient(mean, middle + off)
-    return Profile(middle, mean - slope * off, slope, index, away, value)
+    centered = mean - slope * off
+    bend = np.diff(np.pad(centered, 1, mode="edge"), 2) * oversampling**2
+    centered -= 0.5 * bend * (square - 1.0 / (12.0 * oversampling**2))
+    return Profile(middle, centered, slope, index, away, value)
 
 
 def refined(pixels: Pixels, edge: Edge, oversampling: int) -> tuple[Edge, Profile]:

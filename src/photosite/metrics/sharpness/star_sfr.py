@@ -54,8 +54,8 @@ def _measure(image: ChartImage, chart: PlacedChart, *, sectors: Annotated[int, F
         width = _LEAST_WIDTH_PX / math.sqrt(image.density(channel))
         rings = min(math.ceil(math.log(outer / inner) / math.log1p(width / inner)), _MOST_RINGS)
         edges = np.geomspace(inner, outer, rings + 1)
-        frequency = cycles / (2.0 * math.pi * 0.5 * (edges[1:] + edges[:-1]))
-        response, spread = _fitted(_sums(image, chart, channel, _Cells(edges, sectors, cycles)))
+        cells = _Cells(edges, sectors, cycles)
+        response, spread, radius = _fitted(_sums(image, chart, channel, cells), cells)
         response, spread = response / modulation, spread / modulation
         signal = image.plane(channel, chart.region)[0][image.mask(channel, chart.region)]
         full = float((signal >= image.white - image.black).mean())
@@ -68,8 +68,10 @@ def _measure(image: ChartImage, chart: PlacedChart, *, sectors: Annotated[int, F
             raise InputError("signal of the star", expected="above its noise at the lowest frequencies", hint=hint)
         for part, chosen in _groups(sectors).items():
             level, error = _averaged(response[:, chosen], spread[:, chosen])
+            level = _without_width(level)
             name = f"{channel}, {part}" if part else channel
             shown = np.isfinite(level)
+            frequency = cycles / (2.0 * math.pi * radius[:, chosen].mean(axis=1))
             x, y, u = frequency[shown][::-1], level[shown][::-1], error[shown][::-1]
             curves.append(Curve(name, "spatial frequency (cycles/pixel)", "star SFR", x, y, u))
             values["mtf50", name] = Estimate.of(crossing(x, y, u, 0.5), "")
@@ -180,10 +182,12 @@ def _block_sums(chart: PlacedChart, row: Array, col: Array, signal: Array, cells
     return found
 
 
-def _fitted(sums: _Sums) -> tuple[Array, Array]:
-    """Return (rings, sectors) modulations and their standard uncertainties, by least squares of a sine; NaN: no fit."""
-    # Slopes along the radius are part of the fit: rings are not thin, and light is uneven. The modulation is that at
-    # the mean radius of the pixels, which is not the middle of the ring.
+def _fitted(sums: _Sums, cells: _Cells) -> tuple[Array, Array, Array]:
+    """Return (rings, sectors) modulations, their standard uncertainties and radii, by least squares of a sine.
+
+    They are NaN where there is no fit. Slopes along the radius are part of it: rings are not thin, and light is uneven.
+    The modulation is that at the mean radius of the pixels, which is not the middle of the ring.
+    """
     count = sums.normal[:, 0, 0]
     mean = sums.normal[:, 0, 3] / np.maximum(count, 1)
     moved = np.tile(np.eye(_TERMS), (count.size, 1, 1))
@@ -203,7 +207,8 @@ def _fitted(sums: _Sums) -> tuple[Array, Array]:
     # Noise adds its variance to the square of the amplitude.
     unbiased = np.sign(amplitude**2 - error**2) * np.sqrt(np.abs(amplitude**2 - error**2))
     level = fit[:, 0] + sums.level
-    return (unbiased / level).reshape(sums.shape), (error / level).reshape(sums.shape)
+    found = unbiased / level, error / level, cells.middle + mean
+    return tuple(each.reshape(sums.shape) for each in found)  # type: ignore[return-value]
 
 
 def _groups(sectors: int) -> dict[str, list[int]]:
@@ -217,6 +222,14 @@ def _groups(sectors: int) -> dict[str, list[int]]:
 def _averaged(response: Array, spread: Array) -> tuple[Array, Array]:
     """Return means over sectors with their uncertainties; NaN where a sector is missing."""
     return response.mean(axis=1), np.sqrt((spread**2).sum(axis=1)) / response.shape[1]
+
+
+def _without_width(level: Array) -> Array:
+    """Return modulations in the middle of rings, from means over their widths, which a 24th of second differences adds."""
+    found = level.copy()
+    bend = np.diff(level, 2) / 24.0
+    found[1:-1] -= np.where(np.isfinite(bend), bend, 0.0)
+    return found
 
 
 MEASUREMENT = Measurement(

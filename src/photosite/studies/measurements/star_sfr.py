@@ -16,7 +16,7 @@ from photosite.values.cfa import MONOCHROME
 
 Array = NDArray[np.float64]
 
-SIDE, CYCLES, _CELLS, _RADIUS = 240, 36, 5, 0.45
+SIDE, CYCLES, _CELLS, _RADIUS = 280, 72, 5, 0.45
 _DIRECTIONS = {"": None, "horizontal": 0.0, "falling diagonal": 0.25, "vertical": 0.5, "rising diagonal": 0.75}
 """Direction of the frequency in the middle of a sector, in half turns; None: all."""
 
