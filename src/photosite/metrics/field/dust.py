@@ -34,6 +34,8 @@ _SCALES = (1, 2, 4, 8, 16)
 _CELLS = 8
 """Of the smooth field along the longer side: spots cover less than half of one."""
 _QUARTILES_PER_SIGMA = 1.34898
+_FILLED = 3
+"""How often spots are filled with the smooth field, which is then made anew."""
 _LEAST_SIDE, _MOST_AREA, _LONGEST = 64, 0.1, 0.2
 _CLIPPED_FRACTION = 1e-3
 _MAP_COLS = 96
@@ -43,7 +45,8 @@ def _measure(image: ChartImage, chart: PlacedChart, *, depth_percent: Annotated[
     from scipy.ndimage import label, uniform_filter
 
     field, tile = _tiles(image, chart)
-    change = field / smooth_field(field, _CELLS) - 1.0
+    smooth = smooth_field(field, _CELLS)
+    change = field / smooth - 1.0
     depth: Array = np.zeros(field.shape)
     spread = {}
     for half in _SCALES:
@@ -69,6 +72,9 @@ def _measure(image: ChartImage, chart: PlacedChart, *, depth_percent: Annotated[
     values = {("spots", ""): count_estimate(number), ("deepest_percent", ""): Estimate(reason="there are no spots")}
     dark = np.zeros(field.shape, np.bool_)
     if number:
+        for _ in range(_FILLED):  # spots draw the smooth field down
+            smooth = smooth_field(np.where(marks > 0, smooth, field), _CELLS)
+        change = field / smooth - 1.0
         found = [_spot(change, marks == spot, spread) for spot in range(1, number + 1)]
         value, error = max((each[:2] for each in found), key=lambda pair: pair[0])
         values["deepest_percent", ""] = Estimate(100.0 * value, 100.0 * error)

@@ -225,7 +225,7 @@ def _averaged(response: Array, spread: Array) -> tuple[Array, Array]:
 
 
 def _without_width(level: Array) -> Array:
-    """Return modulations in the middle of rings, from means over their widths, which a 24th of second differences adds."""
+    """Return modulations in the middle of rings, from means over their widths: a 24th of second differences less."""
     found = level.copy()
     bend = np.diff(level, 2) / 24.0
     found[1:-1] -= np.where(np.isfinite(bend), bend, 0.0)
