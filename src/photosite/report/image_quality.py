@@ -86,6 +86,7 @@ def _section(result: Result) -> Section:
     entry = result.measurement
     assert entry is not None
     blocks: list[Block] = [Paragraph(f"{entry.standard}."), *notices(result.diagnostics), _values(result)]
+    blocks += map(Paragraph, _reasons(result))
     for number, figure in enumerate(curve_figures(result)):
         curve = next(c for c in result.curves if (c.x_label, c.y_label) == list(_axes(result))[number])
         label = f"{curve.y_label.removeprefix('log ')} over {curve.x_label.removeprefix('log ')}"
@@ -112,18 +113,25 @@ _MOST_PARTS = 4
 
 
 def _values(result: Result) -> Table:
-    """Return the values: a column for each of a few parts, or a row for each value."""
+    """Return the values: a column for each of a few parts or channels, or a row for each value."""
     parts = list(dict.fromkeys(part for _, part in result.values))
-    names = list(dict.fromkeys(name for name, _ in result.values))
-    if 1 < len(parts) <= _MOST_PARTS:
-        titles = columns("Quantity", *map(numeric, parts), "Unit")
+    split = {part: ("", part) if len(parts) <= _MOST_PARTS else part.partition(", ")[::-2] for part in parts}
+    across = list(dict.fromkeys(column for _, column in split.values()))
+    if 1 < len(across) <= _MOST_PARTS:
+        cells: dict[tuple[str, str], dict[str, Estimate]] = {}
+        for (name, part), each in result.values.items():
+            rest, column = split[part]
+            cells.setdefault((name, rest), {})[column] = each
+        of = any(rest for _, rest in cells)
+        titles = columns("Quantity", *["Of"] * of, *map(numeric, across), "Unit")
         rows = tuple(
             (
                 result.quantity(name).label,
-                *(_text(result.values.get((name, part))) for part in parts),
+                *[rest] * of,
+                *(_text(found.get(column)) for column in across),
                 result.quantity(name).unit,
             )
-            for name in names
+            for (name, rest), found in cells.items()
         )
         return Table("Values ± standard uncertainties", titles, rows)
     rows = tuple(
@@ -138,16 +146,29 @@ def _text(estimate: Estimate | None) -> str:
     return "" if estimate is None else value_text(estimate)
 
 
+def _reasons(result: Result) -> list[str]:
+    """Return why values are missing, a sentence for each reason."""
+    missing: dict[str, dict[str, list[str]]] = {}
+    for (name, part), each in result.values.items():
+        if each.value is None:
+            missing.setdefault(each.reason or "", {}).setdefault(result.quantity(name).label, []).append(part)
+    texts = []
+    for reason, of in missing.items():
+        named = (f"{label} ({', '.join(parts)})" if any(parts) else label for label, parts in of.items())
+        texts.append(f"Not measured: {'; '.join(named)}. {sentence(reason)}")
+    return texts
+
+
 def value_text(estimate: Estimate) -> str:
-    """Return a value with its uncertainty, a value without one, or the reason why it is missing.
+    """Return a value with its uncertainty, or without one.
 
     Examples
     --------
     >>> value_text(Estimate(0.25)), value_text(Estimate(reason="no edge"))
-    ('0.2500', 'not measured: no edge')
+    ('0.2500', 'not measured')
     """
     if estimate.value is None:
-        return f"not measured: {estimate.reason}"
+        return "not measured"
     if not estimate.standard_uncertainty:
         return format_number(estimate.value)
     return format_estimate(estimate)
