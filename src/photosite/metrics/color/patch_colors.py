@@ -78,13 +78,14 @@ def patch_colors(image: ChartImage, chart: PlacedChart) -> PatchColors:
     if kept.size <= len(channels):
         raise InputError("patches below saturation", value=int(kept.size), expected=f"more than {len(channels)}")
     found = [_mean(image, chart.patches[i], channels) for i in kept]
+    correlated = max(1.0 + float(np.mean([correlation for *_, correlation in found])), 1.0)
     check_structure(image, chart)
-    _check_order(np.array([mean for mean, _ in found]), chart.patch_xyz[kept, 1])
+    _check_order(np.array([mean for mean, *_ in found]), chart.patch_xyz[kept, 1])
     return PatchColors(
         tuple(chart.patches[i].name for i in kept),
         channels,
-        np.array([mean for mean, _ in found]),
-        np.array([covariance for _, covariance in found]),
+        np.array([mean for mean, *_ in found]),
+        np.array([covariance for _, covariance, _ in found]) * correlated,
         chart.patch_xyz[kept] @ adaptation_to_d65(chart.white_xyz).T,
         chart.gray[kept],
         tuple(chart.patches[i].name for i in np.flatnonzero(clipped)),
@@ -107,10 +108,11 @@ def _clipped(image: ChartImage, patch: Patch, channels: tuple[str, ...]) -> bool
     return max(image.saturated_fraction(patch, channel) for channel in channels) > _CLIPPED_FRACTION
 
 
-def _mean(image: ChartImage, patch: Patch, channels: tuple[str, ...]) -> tuple[Array, Array]:
-    """Return the means of the channels and their covariance.
+def _mean(image: ChartImage, patch: Patch, channels: tuple[str, ...]) -> tuple[Array, Array, float]:
+    """Return the means of the channels, their covariance, and the sum of the correlations of a block with others.
 
-    The covariance comes from the means of blocks, less a plane: interpolated colors make neighbors alike.
+    The covariance comes from the means of blocks, less a plane: interpolated colors make neighbors alike, and so, a
+    little, blocks that touch.
     """
     counts, sums, centers = [], [], []
     for channel in channels:
@@ -137,4 +139,10 @@ def _mean(image: ChartImage, patch: Patch, channels: tuple[str, ...]) -> tuple[A
         rests.append(without_plane(total[used] / pixels, y, x, pixels) * pixels / count.sum())
         means.append(total.sum() / count.sum())
     rest = np.array(rests)
-    return np.array(means), rest @ rest.T * (blocks / (blocks - 3))
+    down, along = (each[used] for each in np.indices((_BLOCKS, _BLOCKS)).reshape(2, -1))
+    touching = (np.abs(down[:, None] - down) <= 1) & (np.abs(along[:, None] - along) <= 1) & ~np.eye(blocks, dtype=bool)
+    plane = np.linalg.qr(np.stack([np.ones(blocks), down, along], axis=1))[0]
+    variance = np.maximum((rest**2).sum(axis=1), 1e-300) / (blocks - 3)
+    # Residuals of independent blocks about a plane have the covariance of the plane's, negative.
+    pairs = np.einsum("ci,ij,cj->c", rest, touching, rest) / variance + float((touching * (plane @ plane.T)).sum())
+    return np.array(means), rest @ rest.T * (blocks / (blocks - 3)), float(pairs.mean()) / blocks
