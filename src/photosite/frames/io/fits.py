@@ -4,8 +4,8 @@ Every image unit is a frame, or a stack if it has three axes; units of one chip 
 others are its parts (`photosite.frames.io.fits_units`). Unsigned numbers are stored minus BZERO, 2^15 or 2^31, as FITS
 requires. Keywords: EXPTIME or EXPOSURE (seconds), GAIN, ISO or ISOSPEED, CCD-TEMP or SET-TEMP (degrees Celsius),
 IMAGETYP (words as in file names: "Dark Frame"), BAYERPAT with XBAYROFF, YBAYROFF and ROWORDER, and `_CONDITIONS`.
-The frame is the common part of DATASEC and TRIMSEC without BIASSEC, or without ESO's prescan and overscan. Rows are in
-the order in which they are stored.
+The frame is the common part of DATASEC and TRIMSEC without BIASSEC, or without ESO's prescan and overscan, or the
+joined pixels of the amplifiers that the image states. Rows are in the order in which they are stored.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from photosite.frames.frame_settings import kinds_in_name
 from photosite.frames.io.fits_units import (
     JoinedUnits,
     Keywords,
+    Part,
     Unit,
     alone,
     are_parts,
@@ -41,6 +43,7 @@ from photosite.frames.io.fits_units import (
     joined_units,
 )
 from photosite.frames.raw_frame import RawFrame
+from photosite.frames.sections import Section
 from photosite.frames.stored_numbers import StoredNumbers
 from photosite.values.cfa import Cfa, cfa_from, shifted
 from photosite.values.region import Region
@@ -156,18 +159,26 @@ def read_pixels(
     with _open_fits(path) as opened:
         image = _image(path, opened, location)
         parts: list[Any] = []
-        for number, (unit, source) in enumerate(zip(image.units, image.sources, strict=True)):
-            dn = _stored_numbers(unit, opened, location.index)
-            shift = 0 if levels is None else round(_level(unit, dn) - levels[number])
-            parts.append(shifted_down(dn[source.slices], shift, most))
+        for number, (part, dn) in enumerate(_stored_parts(image, opened, location.index)):
+            shift = 0 if levels is None else round(_level(part.overscan, dn) - levels[number])
+            parts.append(shifted_down(dn[part.source.slices], shift, most))
         if len(parts) == 1:
             single: StoredNumbers = np.ascontiguousarray(parts[0])
             return single
         out: Any = np.zeros(image.shape, np.result_type(*parts))
-        for part, target in zip(parts, image.targets, strict=True):
+        for dn, target in zip(parts, (part.target for part in image.parts), strict=True):
             rows, cols = (slice(None, None, -1 if flip else None) for flip in target.flipped)
-            out[target.slices] = part[rows, cols]
+            out[target.slices] = dn[rows, cols]
         return out  # type: ignore[no-any-return]
+
+
+def _stored_parts(image: JoinedUnits, opened: Any, index: int) -> Iterator[tuple[Part, StoredNumbers]]:
+    """Yield each part of an image with all numbers of its unit, which are read once."""
+    for _, same in groupby(image.parts, key=lambda part: part.unit.number):
+        parts = list(same)
+        dn = _stored_numbers(parts[0].unit, opened, index)
+        for part in parts:
+            yield part, dn
 
 
 def _image(path: Path, opened: Any, location: FrameLocation) -> JoinedUnits:
@@ -180,12 +191,11 @@ def _image(path: Path, opened: Any, location: FrameLocation) -> JoinedUnits:
 _LEAST_LINES = 5
 
 
-def _level(unit: Unit, dn: StoredNumbers) -> float:
+def _level(overscan: Section | None, dn: StoredNumbers) -> float:
     """Return the level of the overscan; of five lines or more, the median of their means.
 
     The first lines after the pixels with light have charge that these left behind.
     """
-    overscan = unit.overscan
     if overscan is None:
         return 0.0
     part = dn[overscan.slices].astype(np.float64)
@@ -200,10 +210,10 @@ def read_whole(path: Path, location: FrameLocation) -> StoredNumbers:
 
 
 def overscan_levels(path: Path, location: FrameLocation) -> tuple[float, ...]:
-    """Return the level of the overscan of each unit of a frame."""
+    """Return the level of the overscan of each part of a frame."""
     with _open_fits(path) as opened:
-        units = _image(path, opened, location).units
-        return tuple(_level(unit, _stored_numbers(unit, opened, location.index)) for unit in units)
+        image = _image(path, opened, location)
+        return tuple(_level(part.overscan, dn) for part, dn in _stored_parts(image, opened, location.index))
 
 
 def _stored_numbers(unit: Unit, opened: Any, index: int) -> StoredNumbers:
@@ -335,7 +345,7 @@ def _header(image: JoinedUnits) -> FrameHeader:
         return own
     image_type = next(filter(None, map(keywords.text, _IMAGE_TYPES)), None)
     kinds = kinds_in_name(_SYNONYMS.sub("dark", image_type or ""))
-    joined = len(image.units) > 1
+    joined = len(image.parts) > 1
     border = unit.light.border(unit.size)
     gains = {each.keywords.number("ISO", "ISOSPEED", "GAIN") for each in image.units}
     metadata = {
@@ -357,7 +367,7 @@ def _header(image: JoinedUnits) -> FrameHeader:
         exposure_s=keywords.number("EXPTIME", "EXPOSURE"),
         metadata={name: value for name, value in metadata.items() if value is not None},
         border=border if any(border) and not joined else None,
-        overscan=all(each.overscan is not None for each in image.units),
+        overscan=all(part.overscan is not None for part in image.parts),
         problem=None if joined else unit.problem,
         amplifiers=_amplifiers(image) if joined else (),
     )
@@ -370,13 +380,14 @@ _SYNONYMS = re.compile(r"\bzero\b|dark[ _-]flats?|flat[ _-]darks?", re.IGNORECAS
 
 
 def _amplifiers(image: JoinedUnits) -> tuple[Region, ...]:
-    """Return the place of each unit in the image, by AMPNAME, the unit's name or its number."""
-    names = [each.keywords.own.get("AMPNAME") or each.name or each.number for each in image.units]
+    """Return the place of each amplifier in the image, by its name, or by the number of its unit."""
+    names = [part.name for part in image.parts]
     if len(set(names)) < len(names):
-        names = [each.number for each in image.units]
+        names = [part.unit.number for part in image.parts]
+    places = [part.target for part in image.parts]
     return tuple(
         Region(str(name).strip(), place.top, place.bottom, place.left, place.right)
-        for name, place in zip(names, image.targets, strict=True)
+        for name, place in zip(names, places, strict=True)
     )
 
 

@@ -4,6 +4,10 @@ Observatories write a unit for each amplifier or chip (NOIRLab's and NOAO's conv
 with a name, is the place of a unit's DATASEC on the detector, in pixels before the binning of CCDSUM. Units whose
 places fill a rectangle are the image of one chip, whose amplifiers are readout channels. Other units with a name or
 gain of their own are parts, each a setting by itself; units without are repeated frames.
+
+One image may hold several amplifiers with overscan between them. Its own keywords name the pixels of each, TSECyx or
+DSECyx, and the overscan, BSECyx, with the row and column of the amplifier or its number (IRAF's quad and CTIO, Apache
+Point, Keck), or ESO's DET OUTi states the sizes (`photosite.frames.io.fits_amplifiers`).
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from photosite.errors import FileError, InputError
+from photosite.frames.io.fits_amplifiers import AmplifierSections, eso_amplifiers, numbered_amplifiers
 from photosite.frames.sections import Section, parse_section, section_with_light
 from photosite.frames.stored_numbers import NumberKind
 
@@ -133,9 +138,26 @@ class Unit:
         """Why the stated sections are not those of the image."""
         return self._sections[2]
 
+    @property
+    def amplifiers(self) -> tuple[AmplifierSections, ...]:
+        """The amplifiers of which the image holds the pixels, if it states several."""
+        return self._amplifiers[0]
+
+    @cached_property
+    def _amplifiers(self) -> tuple[tuple[AmplifierSections, ...], FileError | None]:
+        try:
+            found = numbered_amplifiers(self.keywords.own, self.size) or eso_amplifiers(self.keywords.number, self.size)
+        except FileError as error:
+            return (), error
+        except InputError as error:
+            return (), error.in_file(self.keywords.path)
+        return found, None
+
     @cached_property
     def _sections(self) -> tuple[Section, Section | None, FileError | None]:
         whole = Section(0, self.size[0], 0, self.size[1])
+        if (problem := self._amplifiers[1]) is not None:
+            return whole, None, problem
         try:
             data, trim, bias = (self.keywords.section(name, self.size) for name in ("DATASEC", "TRIMSEC", "BIASSEC"))
             if data is None and trim is None and bias is None:
@@ -147,18 +169,13 @@ class Unit:
             return whole, None, error.in_file(self.keywords.path)
 
     def _eso_sections(self) -> tuple[Section | None, Section | None]:
-        """Return the lines with light and the overscan of ESO's DET OUT1 keywords; prescan where there is no overscan.
-
-        An image with several outputs has the overscan of each between their pixels.
-        """
+        """Return the lines with light and the overscan of ESO's DET OUT1; prescan where there is no overscan."""
         keywords = self.keywords
         before, after = (
             [int(keywords.number(f"ESO DET OUT1 {name}{axis}") or 0) for axis in "YX"] for name in ("PRSC", "OVSC")
         )
         if not any((*before, *after)):
             return None, None
-        if (keywords.number("ESO DET OUTPUTS") or 1) > 1:
-            raise FileError(keywords.path, "the image has several outputs with prescan or overscan of their own")
         (rows, cols), (top, left), (bottom, right) = self.size, before, after
         if top + bottom >= rows or left + right >= cols:
             expected = f"less than {cols} columns and {rows} rows"
@@ -171,18 +188,32 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class JoinedUnits:
-    """The image of one chip: its units, the part of each that is used, and where in the image it belongs."""
+class Part:
+    """What an amplifier, or a unit, contributes to an image: its pixels with light, and where these belong."""
 
-    units: tuple[Unit, ...]
-    sources: tuple[Section, ...]
-    targets: tuple[Section, ...]
+    unit: Unit
+    source: Section
+    target: Section
+    overscan: Section | None
+    name: str | int
+
+
+@dataclass(frozen=True)
+class JoinedUnits:
+    """The image of one chip: its parts."""
+
+    parts: tuple[Part, ...]
     name: str
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        """The units of the parts, each once."""
+        return tuple({part.unit.number: part.unit for part in self.parts}.values())
 
     @property
     def shape(self) -> tuple[int, int]:
         """(rows, cols) of the image."""
-        return max(part.bottom for part in self.targets), max(part.right for part in self.targets)
+        return max(part.target.bottom for part in self.parts), max(part.target.right for part in self.parts)
 
 
 def image_units(path: Path, opened: Any) -> list[Unit]:
@@ -247,11 +278,12 @@ def joined_units(units: list[Unit]) -> list[JoinedUnits]:
 
 
 def alone(unit: Unit) -> JoinedUnits:
-    """Return the image of one unit."""
-    light = unit.light
-    return JoinedUnits(
-        (unit,), (light,), (Section(0, light.shape[0], 0, light.shape[1]),), unit.name or str(unit.number)
-    )
+    """Return the image of one unit, joined from its amplifiers if it states several."""
+    name, light = unit.name or str(unit.number), unit.light
+    if unit.amplifiers:
+        return JoinedUnits(tuple(Part(unit, a.source, a.target, a.overscan, a.name) for a in unit.amplifiers), name)
+    whole = Section(0, light.shape[0], 0, light.shape[1])
+    return JoinedUnits((Part(unit, light, whole, unit.overscan, name),), name)
 
 
 def _by_chip(units: list[Unit]) -> dict[str, list[Unit]]:
@@ -279,9 +311,16 @@ def _joined(units: list[Unit], name: str) -> JoinedUnits | None:
         bottom, right = max(part.bottom for part in targets), max(part.right for part in targets)
         area = sum(math.prod(part.shape) for part in targets)
         if area == (bottom - top) * (right - left) and not any(a.overlap(b) for a, b in combinations(targets, 2)):
-            moved = (Section(p.top - top, p.bottom - top, p.left - left, p.right - left, p.flipped) for p in targets)
-            return JoinedUnits(tuple(units), sources, tuple(moved), name)
+            moved = [Section(p.top - top, p.bottom - top, p.left - left, p.right - left, p.flipped) for p in targets]
+            parts = zip(units, sources, moved, strict=True)
+            return JoinedUnits(
+                tuple(Part(u, source, target, u.overscan, _amplifier_name(u)) for u, source, target in parts), name
+            )
     return None
+
+
+def _amplifier_name(unit: Unit) -> str | int:
+    return unit.keywords.own.get("AMPNAME") or unit.name or unit.number
 
 
 def _placed(unit: Unit, keyword: str) -> tuple[Section, Section] | None:
