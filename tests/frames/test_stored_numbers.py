@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import pickle
 import warnings
 
 import h5py
@@ -216,3 +218,31 @@ def test_numbers_that_are_below_zero_in_the_dark_and_large_in_the_light(tmp_path
         tifffile.imwrite(tmp_path / f"{name}.tif", numbers, photometric="minisblack")
     with raises(FileError, "dark frames have numbers below 0 that are stored as 65535 and less"):
         ps.open_frames(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".fits"])
+def test_a_set_is_decoded_once(tmp_path, monkeypatch, suffix):
+    """The first dark frame, in which numbers below 0 are looked for, is not decoded again for its first read."""
+    frames = [np.full((20, 30), 100 + n, np.uint16) for n in range(3)]
+    for n, dn in enumerate(frames):
+        path = tmp_path / f"dark_1s_{n}{suffix}"
+        if suffix == ".tif":
+            tifffile.imwrite(path, dn, compression="zlib")
+        else:
+            fits.PrimaryHDU(dn).writeto(path)
+    reader = importlib.import_module({".tif": "photosite.frames.io.tiff", ".fits": "photosite.frames.io.fits"}[suffix])
+    decoded = []
+    plain = reader.read_pixels
+
+    def counted(path, *arguments):
+        decoded.append(path.name)
+        return plain(path, *arguments)
+
+    monkeypatch.setattr("photosite.files.small_files.SETTLED_NS", -1)
+    monkeypatch.setattr(reader, "read_pixels", counted)
+    (group,) = ps.open_frames(tmp_path).groups
+    again = pickle.loads(pickle.dumps(group.frames[0]))
+    for _ in range(2):
+        np.testing.assert_array_equal([source.read() for source in group.frames], frames)
+    assert [decoded.count(f"dark_1s_{n}{suffix}") for n in range(3)] == [2, 2, 2]
+    np.testing.assert_array_equal(again.read(), frames[0])

@@ -94,6 +94,7 @@ class _OpenedFrame:
     stamp: tuple[int, ...] | None  # `file_stamp` before the header was read
     format: Format | None  # None for a headerless file
     conditions: Mapping[str, str] = field(default_factory=dict)
+    kept: _KeptNumbers = field(default_factory=lambda: _KeptNumbers())
 
     @property
     def settings(self) -> FrameSettings:
@@ -102,6 +103,32 @@ class _OpenedFrame:
     @property
     def unit(self) -> str:
         return self.header.names[0]
+
+
+class _KeptNumbers:
+    """Numbers of a frame that were read when it was opened, for its first read; they stay with the process."""
+
+    def __init__(self) -> None:
+        self._stored: list[StoredNumbers] = []
+
+    def keep(self, stored: StoredNumbers) -> None:
+        """Keep the numbers, unless they are many."""
+        if stored.size <= _MOST_KEPT_PIXELS:
+            self._stored[:] = [stored]
+
+    def taken(self) -> StoredNumbers | None:
+        """Return the numbers, once."""
+        try:
+            return self._stored.pop()
+        except IndexError:
+            return None
+
+    def __reduce__(self) -> tuple[type[_KeptNumbers], tuple[()]]:
+        return _KeptNumbers, ()
+
+
+_MOST_KEPT_PIXELS = 1 << 25
+"""Pixels of a frame that is kept for its first read."""
 
 
 KIND_BY_LEVEL = DiagnosticKind(
@@ -303,7 +330,18 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
         FrameSource(
             f.file.name,
             _FrameReading(
-                f.file.path, f.file.location, bits, cfa, shape, f.header, f.format, f.stamp, conversion, levels, one
+                f.file.path,
+                f.file.location,
+                bits,
+                cfa,
+                shape,
+                f.header,
+                f.format,
+                f.stamp,
+                conversion,
+                levels,
+                one,
+                f.kept,
             ),
             True,
             path=f.file.path,
@@ -566,7 +604,11 @@ def _conversion(frames: Sequence[_OpenedFrame], bits: int | None) -> tuple[Conve
 def _below_zero(frames: Sequence[_OpenedFrame], bits: int | None) -> tuple[Conversion, NumberRange] | None:
     """Return the conversion of unsigned numbers that are below 0, where a dark frame has such, and their range."""
     dark = next((frame for frame in frames if frame.settings.kind == "dark"), None)
-    if dark is None or not falls_below_zero(read_pixels(dark.file.path, dark.file.location)):
+    if dark is None:
+        return None
+    if not falls_below_zero(stored := read_pixels(dark.file.path, dark.file.location)):
+        if not dark.header.overscan:  # whose frames are shifted as they are read
+            dark.kept.keep(stored)
         return None
     pixels = ((f.file.name, as_signed(read_pixels(f.file.path, f.file.location))) for f in frames)
     found = joined(NumberRange.of(name, numbers) for name, numbers in pixels)
@@ -625,6 +667,7 @@ class _FrameReading:
     conversion: Conversion | None = None  # None for numbers that are stored as unsigned integers
     levels: tuple[float, ...] | None = None  # of the overscan, by amplifier, to which the numbers are shifted
     reference: _Reference | None = None  # whose masked border the numbers follow
+    kept: _KeptNumbers = field(default_factory=_KeptNumbers, compare=False)  # read when the frame set was opened
 
     def __call__(self) -> Numbers:
         """Return the digital numbers."""
@@ -633,6 +676,8 @@ class _FrameReading:
             dn = of_bits(self._name, stored, self.bits)
         elif self.reference is not None:
             dn = self.reference.followed(self.path, self.bits, self.cfa)
+        elif self.levels is None and (kept := self.kept.taken()) is not None and self._unchanged:
+            dn = of_bits(self._name, Conversion().apply(self._name, kept), self.bits)
         elif self.location is None and self.format is not None and self._unchanged:
             dn = read_numbers(self.path, self.format, self.header, self.bits, self.cfa)
         elif self.location is None:
