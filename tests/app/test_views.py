@@ -399,3 +399,35 @@ def test_image_quality_and_its_code_agree(
     values = json_of(end.strip(), capsys)["charts"]["macbeth"]["results"]["noise"]["values"]
     assert [each["value"] for each in values] == [each.value for each in own.values.values()]
     assert quality_code(QualityRequest(sensor=CHANGED), NOWHERE)[1] == ""
+
+
+@pytest.mark.parametrize("name", ["file:shots", "upload:abc"])
+def test_image_quality_of_frames_and_its_code_agree(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    sensor = ps.load_sensor("vendor-2.2um").with_(rows=264, cols=392)
+    sensor.save("own.sensor.yaml")
+    camera = ps.Camera(ps.DiffractionLimited(f_number=2.8, focal_length_mm=4), sensor)
+    scene = ps.charts.macbeth("D65", 200)
+    Path("shots").mkdir()
+    for frame in range(3):
+        camera.capture(scene, exposure_s=0.01, frame=frame).save(f"shots/{frame}.dng")
+    places = Places(folder=tmp_path, uploads={"abc": tmp_path / "shots"})
+    own = SensorState(source="file:own.sensor.yaml")
+    request = QualityRequest(
+        chart="macbeth", measured=(name,), in_electrons=True, sensor=own, luminance_cd_m2=None, detect=True
+    )
+    found = run_quality(request, places)
+    section = next(each for each in found["sections"] if each["id"] == "noise")
+    if name.startswith("file:"):
+        python, command = quality_code(request, places)
+        measured = executed(python)["quality"]["noise"]
+        assert [list(row) for row in measured.rows()] == section["rows"]
+        values = json_of(command.strip(), capsys)["results"]["noise"]["values"]
+        assert [each["value"] for each in values] == [each.value for each in measured.values.values()]
+    for wrong in ("macbeth", "file:../shots", "upload:none"):
+        with pytest.raises(InputError):
+            run_quality(request.model_copy(update={"measured": (wrong,)}), places)
+    with raises(InputError, "luminance_cd_m2"):
+        run_quality(request.model_copy(update={"measured": ()}), places)
