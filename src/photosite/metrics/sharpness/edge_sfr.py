@@ -54,6 +54,8 @@ UNEVEN_LIGHT = DiagnosticKind(
 _SHARPENED_RESPONSE, _SIGNIFICANT = 0.02, 4.0
 """Rise above 1 that is named, and its least size in standard uncertainties."""
 _ALIASED_RESPONSE = 0.2
+_LEVEL_SIGMAS = 3.0
+"""Level of a crossing over the uncertainty of the response there; noise that is larger crosses lower levels first."""
 _SHOWN_TO = 1.0
 
 
@@ -180,9 +182,12 @@ def _values(edge: SlantedEdge) -> dict[str, Estimate]:
 
 def _crossing(edge: SlantedEdge, level: float) -> Estimate:
     found = edge.crossing(level)
-    return Estimate.of(
-        Missing(f"the response stays above {level:.3g} up to 1 cycle/pixel") if found is None else found, ""
-    )
+    if found is None:
+        return Estimate.of(Missing(f"the response stays above {level:.3g} up to 1 cycle/pixel"), "")
+    spread = np.interp(found.value, edge.frequency_cycles_per_pixel, edge.standard_uncertainty)
+    if level < _LEVEL_SIGMAS * spread:
+        return Estimate.of(Missing(f"noise hides where the response falls to {level:.3g}"), "")
+    return Estimate.of(found, "")
 
 
 def _standard(plane: Array, order: int) -> Estimate:
