@@ -28,7 +28,7 @@ from photosite.values.validated import PositiveNumber, Validated
 BUILT_IN_SCENES = (
     *("macbeth", "color-checker-sg", "uniform", "slanted-edge", "edge-star", "siemens-star", "sinusoid"),
     *("frequency-sweep", "zone-plate", "dead-leaves", "point-grid", "checkerboard", "ramp", "hdr-patches"),
-    *("flare-traps", "slanted-squares", "gray-steps"),
+    *("flare-traps", "slanted-squares", "gray-steps", "light-source", "led-bar"),
 )
 """Each is the function of `photosite.scene.charts` of that name."""
 

@@ -36,7 +36,7 @@ CLIPPED_GRAY = DiagnosticKind(
     "Gray patches of a picture are at the largest value.",
     "Their exposure and color are not known: differences, and the matched exposure, are those of clipped values.",
     "Expose less.",
-    ("delta_e_*", "white_balance_error", "exposure_stops"),
+    ("delta_e_*", "white_balance_error", "exposure_stops", "mean", "percentile_95"),
     "Number of patches.",
 )
 OFF_EXPOSURE = DiagnosticKind(
@@ -67,16 +67,11 @@ def _measure(
     values: dict[tuple[str, str], Estimate] = {}
     if image.origin == "picture":
         shown = draws @ XYZ_FROM_SRGB.T
-        exposure = _exposure(shown, colors)
+        exposure = matched_exposure(shown, colors)
         values["exposure_stops", ""] = _signed(np.log2(exposure))
         if abs(stops := float(np.log2(exposure[0]))) > _EXPOSURE_MATTERS:
             diagnostics.append(OFF_EXPOSURE(f"gray patches are {stops:+.2f} stops from those of the chart", stops))
-        if clipped := [
-            patch.name
-            for patch, gray in zip(chart.patches, chart.gray, strict=True)
-            if gray and max(image.saturated_fraction(patch, name) for name in colors.channels) > _CLIPPED_FRACTION
-        ]:
-            diagnostics.append(CLIPPED_GRAY(f"clipped: {', '.join(clipped)}", len(clipped)))
+        diagnostics += clipped_gray(image, chart, colors)
         found = {"": shown / exposure[:, None, None] if match_exposure else shown}
     else:
         found = _by_matrices(colors, draws)
@@ -89,7 +84,17 @@ def _measure(
     return Result(values, _curves(colors, found, shown_part), (), tuple(diagnostics))
 
 
-def _exposure(xyz: Array, colors: PatchColors) -> Array:
+def clipped_gray(image: ChartImage, chart: PlacedChart, colors: PatchColors) -> tuple[Diagnostic, ...]:
+    """Return the diagnostic of gray patches of a picture that are clipped, if any is."""
+    clipped = [
+        patch.name
+        for patch, gray in zip(chart.patches, chart.gray, strict=True)
+        if gray and max(image.saturated_fraction(patch, name) for name in colors.channels) > _CLIPPED_FRACTION
+    ]
+    return (CLIPPED_GRAY(f"clipped: {', '.join(clipped)}", len(clipped)),) if clipped else ()
+
+
+def matched_exposure(xyz: Array, colors: PatchColors) -> Array:
     """Return the (draws,) luminances of the gray patches over those of the chart, by least squares."""
     gray = colors.gray if colors.gray.any() else np.ones_like(colors.gray)
     reference = colors.reference_xyz[gray, 1]

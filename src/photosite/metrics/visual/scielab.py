@@ -23,6 +23,17 @@ _FILTERS = (
 """Half-widths in degrees and weights of the Gaussians of each channel; the values of the S-CIELAB distribution."""
 
 
+def kernel_size(pixels_per_degree: float) -> int:
+    """Return the odd number of pixels of about a degree.
+
+    Examples
+    --------
+    >>> kernel_size(59.09)
+    59
+    """
+    return 2 * math.ceil(pixels_per_degree / 2.0) - 1
+
+
 def scielab_kernels(pixels_per_degree: float, size: int | None = None) -> list[Array]:
     """Return the (size, size) kernels of luminance, red-green and blue-yellow, each with the sum 1.
 
@@ -44,7 +55,7 @@ def scielab_kernels(pixels_per_degree: float, size: int | None = None) -> list[A
     [1.0, 1.0, 1.0]
     """
     if size is None:
-        size = 2 * math.ceil(pixels_per_degree / 2.0) - 1
+        size = kernel_size(pixels_per_degree)
     x = np.arange(size) - size // 2
     kernels = []
     for gaussians in _FILTERS:

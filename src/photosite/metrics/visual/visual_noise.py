@@ -68,7 +68,7 @@ def _measure(
     found = []
     for index in np.flatnonzero(chart.gray):
         patch = chart.patches[index]
-        box = _inside(patch)
+        box = inner_box(patch)
         if min(box.shape) < _LEAST_SIDE:
             where = f"patch '{patch.name}'"
             raise InputError("pixels", where=where, value=box.shape, expected=f"{_LEAST_SIDE} x {_LEAST_SIDE} or more")
@@ -99,7 +99,7 @@ def _measure(
 _CURVES = {"visual_noise_2013": "ISO 15739:2013", "sigma_lightness": "L*", "sigma_a": "a*", "sigma_b": "b*"}
 
 
-def _inside(patch: Patch) -> Region:
+def inner_box(patch: Patch) -> Region:
     """Return the largest rectangle of a patch's proportions around its center that is inside of it."""
     inside = patch.inside()
     rows, cols = inside.shape
@@ -134,7 +134,7 @@ def _patch_noise(xyz: Array, per_degree: float) -> dict[str, Uncertain]:
         "sigma_lightness": lightness,
         "sigma_a": a,
         "sigma_b": b,
-        "difference": _mean_difference(difference),
+        "difference": mean_of_map(difference),
         "lightness": Uncertain(float(maps[..., 0].mean())),
     }
 
@@ -189,8 +189,8 @@ def _root(square: Uncertain) -> Uncertain:
     return square.sqrt() if square.value > 0 else Uncertain(0.0)
 
 
-def _mean_difference(difference: Array) -> Uncertain:
-    """Return the mean of a map; its uncertainty is from the lowest lines of the periodogram."""
+def mean_of_map(difference: Array) -> Uncertain:
+    """Return the mean of a map of noise; its uncertainty is from the lowest lines of the periodogram."""
     rows, cols = difference.shape
     power = np.abs(np.fft.fft2(difference - difference.mean())) ** 2 / (rows * cols)
     low = np.r_[power[0, 1:4], power[1:4, 0], power[1:3, 1:3].ravel()].mean()

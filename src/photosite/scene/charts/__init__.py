@@ -22,6 +22,8 @@ from photosite.scene.charts.iso_12233 import edge_star as edge_star
 from photosite.scene.charts.iso_12233 import siemens_star as siemens_star
 from photosite.scene.charts.iso_12233 import slanted_edge as slanted_edge
 from photosite.scene.charts.iso_12233 import slanted_squares as slanted_squares
+from photosite.scene.charts.led_bar import led_bar as led_bar
+from photosite.scene.charts.light_source import light_source as light_source
 from photosite.scene.charts.patches import hdr_patches as hdr_patches
 from photosite.scene.charts.patches import reflectance_chart as reflectance_chart
 from photosite.scene.charts.patterns import checkerboard as checkerboard
@@ -45,6 +47,8 @@ __all__ = [
     "frequency_sweep",
     "gray_steps",
     "hdr_patches",
+    "led_bar",
+    "light_source",
     "macbeth",
     "macbeth_reflectance",
     "macbeth_regions",
