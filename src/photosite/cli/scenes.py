@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,11 +124,17 @@ def show_scene(picture: Path | None, as_json: bool, **given: Any) -> None:
 @options.quantity("--width", "width_mm", unit="MM", default=200.0, text="Width on paper, in mm.")
 @click.option("--dpi", "dots_per_inch", type=options.Whole(10, 4800), default=600, help="Dots per inch.")
 @options.quantity(
-    "--brightest", "brightest", unit="R", default=0.9, text="Reflectance of the brightest part of the chart."
+    *("--brightest", "brightest"),
+    unit="R",
+    default=0.9,
+    text="Reflectance of the brightest part of the chart; its transmittance on film.",
 )
+@click.option("--film", is_flag=True, help="Film in front of a light: values are transmittances and densities.")
 @options.json_option
-def print_(name: str, output: Path, given: tuple[tuple[str, Any], ...], as_json: bool, **paper: Any) -> None:
-    """Write a gray chart that prints at its size, and what its patches should reflect.
+def print_(
+    name: str, output: Path, given: tuple[tuple[str, Any], ...], film: bool, as_json: bool, **paper: Any
+) -> None:
+    """Write a gray chart that prints at its size, and what its patches should reflect, or transmit on film.
 
     Print it at 100 %, matte, with the printer's color management for sRGB. Measure the patches: papers and inks differ.
 
@@ -142,11 +149,19 @@ def print_(name: str, output: Path, given: tuple[tuple[str, Any], ...], as_json:
         default = chart_options(name)
         cols = dots(paper["width_mm"], paper["dots_per_inch"])
         own |= {"rows": round(cols * default["rows"] / default["cols"]), "cols": cols}
-    patches = write_printed_chart(chart_function(name).chart(**own), output, **paper)
-    rows = [("patch", "reflectance", "L*"), *((patch, f"{y:.3f}", f"{light:.1f}") for patch, y, light in patches)]
-    content = {"patches": [{"name": patch, "reflectance": y, "lightness": light} for patch, y, light in patches]}
-    width = paper["width_mm"]
-    text = f"{name}, {width:g} mm wide" + (f"\n{table(rows, '<>>')}" if patches else "")
+    chart = chart_function(name).chart(**own)
+    field, patches = write_printed_chart(replace(chart, transmissive=film or chart.transmissive), output, **paper)
+    scale = "density" if field.transmissive else "lightness"
+    content = {
+        "brightest": {field.quantity: field.factor, scale: getattr(field, scale)},
+        "patches": [{"name": each.name, each.quantity: each.factor, scale: getattr(each, scale)} for each in patches],
+    }
+    digits = 2 if field.transmissive else 1
+    rows = [("patch", field.quantity, "density" if field.transmissive else "L*")]
+    rows += [(each.name, f"{each.factor:.3g}", f"{getattr(each, scale):.{digits}f}") for each in patches]
+    text = f"{name}, {paper['width_mm']:g} mm wide; {field.name}: {field}" + (
+        f"\n{table(rows, '<>>')}" if patches else ""
+    )
     show(as_json, content, lambda: text, output=output)
 
 

@@ -1,8 +1,10 @@
-"""Charts to print: a picture at its size on paper, and the reflectances that the paper should have."""
+"""Charts to print: a picture at its size, and the reflectances of the paper or transmittances of the film."""
 
 from __future__ import annotations
 
 import io
+import math
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from photosite.errors import InputError
 from photosite.files.writing import atomic_path, date_of_files
 from photosite.scene.charts.chart import Chart
 from photosite.values.region import Region
+from photosite.values.shown import Shown
 
 _MM_PER_INCH = 25.4
 _MARGIN_MM = 15.0
@@ -36,26 +39,69 @@ def dots(width_mm: float, dots_per_inch: int) -> int:
     return round(width_mm / _MM_PER_INCH * dots_per_inch)
 
 
+@dataclass(frozen=True)
+class PrintedPatch(Shown):
+    """What a patch of a printed chart should be.
+
+    Parameters
+    ----------
+    name, factor
+        The patch, and its reflectance; its transmittance on film.
+    transmissive
+        Whether it is on film.
+
+    Examples
+    --------
+    >>> str(PrintedPatch("gray", 0.18)), str(PrintedPatch("gray", 0.18, transmissive=True))
+    ('reflectance 0.180, L* 49.5', 'transmittance 0.180, density 0.74')
+    """
+
+    name: str
+    factor: float
+    transmissive: bool = False
+
+    @property
+    def quantity(self) -> str:
+        """What the factor is."""
+        return "transmittance" if self.transmissive else "reflectance"
+
+    @property
+    def lightness(self) -> float:
+        """CIELAB L*, relative to a perfect diffuser, or to the light without film."""
+        return 116.0 * self.factor ** (1 / 3) - 16.0 if self.factor > (6 / 29) ** 3 else self.factor * (29 / 3) ** 3
+
+    @property
+    def density(self) -> float:
+        """Negative decimal logarithm of the factor."""
+        return -math.log10(self.factor) + 0.0 if self.factor > 0 else math.inf
+
+    def __str__(self) -> str:
+        after = f"density {self.density:.2f}" if self.transmissive else f"L* {self.lightness:.1f}"
+        factor = f"{self.factor:.3f}" if self.factor >= 0.01 else f"{self.factor:.2g}"
+        return f"{self.quantity} {factor}, {after}"
+
+
 def write_printed_chart(
     chart: Chart, path: str | PathLike[str], *, width_mm: float, dots_per_inch: int = 600, brightest: float = 0.9
-) -> list[tuple[str, float, float]]:
-    """Write a gray chart as PNG or PDF that prints at its size, in sRGB, and return what its patches should reflect.
+) -> tuple[PrintedPatch, list[PrintedPatch]]:
+    """Write a gray chart as PNG or PDF that prints at its size, in sRGB, and return what its parts should be.
 
     Parameters
     ----------
     chart
         A gray chart, without a light.
     path
-        A .png file with its resolution, or a .pdf file of one page with the chart's size, name and patches below it.
+        A .png file with its resolution, or a .pdf file of one page with the chart's size, name, brightest part and
+        patches below it.
     width_mm, dots_per_inch
-        Width on paper, and the resolution; a sample becomes the nearest dots.
+        Width on paper or film, and the resolution; a sample becomes the nearest dots.
     brightest
-        Reflectance of the brightest sample.
+        Reflectance of the brightest sample; its transmittance, where the chart is transmissive.
 
     Returns
     -------
-    list
-        Name, reflectance and CIELAB L* of each patch.
+    tuple
+        The brightest part, and the patches.
 
     Raises
     ------
@@ -76,30 +122,34 @@ def write_printed_chart(
     col = ((np.arange(wide) + 0.5) * cols / wide).astype(np.intp)
     codes = np.rint(srgb_from_light(reflectance) * 255.0).astype(np.uint8)[row][:, col]
     picture = Image.fromarray(codes)
-    patches = [_patch(region, reflectance) for region in chart.regions]
+    patches = [PrintedPatch(each.name, _mean(each, reflectance), chart.transmissive) for each in chart.regions]
+    field = PrintedPatch("brightest part", brightest, chart.transmissive)
     target = Path(path)
     with atomic_path(target) as file:
         if target.suffix.lower() == ".png":
             picture.save(file, format="PNG", dpi=(dots_per_inch, dots_per_inch))
         else:
-            file.write_bytes(_pdf(picture, chart, (width_mm, width_mm * high / wide), patches))
-    return patches
+            file.write_bytes(_pdf(picture, chart, (width_mm, width_mm * high / wide), field, patches))
+    return field, patches
 
 
-def _patch(region: Region, reflectance: NDArray[np.float64]) -> tuple[str, float, float]:
-    y = float(reflectance[region.r0 : region.r1, region.c0 : region.c1].mean())
-    return region.name, y, 116.0 * y ** (1 / 3) - 16.0 if y > (6 / 29) ** 3 else y * (29 / 3) ** 3
+def _mean(region: Region, values: NDArray[np.float64]) -> float:
+    return float(values[region.r0 : region.r1, region.c0 : region.c1].mean())
 
 
 def _pdf(
-    picture: Image.Image, chart: Chart, size_mm: tuple[float, float], patches: list[tuple[str, float, float]]
+    picture: Image.Image,
+    chart: Chart,
+    size_mm: tuple[float, float],
+    field: PrintedPatch,
+    patches: list[PrintedPatch],
 ) -> bytes:
     width, height = size_mm
     alike: dict[str, list[str]] = {}
-    for name, reflectance, lightness in patches:
-        alike.setdefault(f"reflectance {reflectance:.3f}, L* {lightness:.1f}", []).append(name)
+    for patch in patches:
+        alike.setdefault(str(patch), []).append(patch.name)
     columns = max(int(width // _ENTRY_MM), 1)
-    lines = -(-len(alike) // columns) + 2
+    lines = -(-len(alike) // columns) + 3
     page = width + 2 * _MARGIN_MM, height + 2 * _MARGIN_MM + lines * _LINE_MM
     pdf = FPDF(unit="mm", format=page)
     pdf.set_creation_date(date_of_files())
@@ -111,9 +161,11 @@ def _pdf(
     pdf.image(stream, x=_MARGIN_MM, y=_MARGIN_MM, w=width, h=height)
     pdf.set_font("Helvetica", size=_TEXT_PT)
     below = _MARGIN_MM + height + _LINE_MM
-    pdf.text(_MARGIN_MM, below, f"{chart.name}; {width:g} x {height:.1f} mm; print at 100 %, sRGB")
+    on = "film, for transmitted light" if chart.transmissive else "paper"
+    pdf.text(_MARGIN_MM, below, f"{chart.name}; {width:g} x {height:.1f} mm; print at 100 % on {on}, sRGB")
+    pdf.text(_MARGIN_MM, below + _LINE_MM, f"{field.name}: {field}")
     for number, (values, names) in enumerate(alike.items()):
         text = f"{', '.join(names) if len(names) <= _MOST_NAMED else f'{names[0]} to {names[-1]}'}: {values}"
         column, line = number % columns, number // columns
-        pdf.text(_MARGIN_MM + column * width / columns, below + (line + 1) * _LINE_MM, text)
+        pdf.text(_MARGIN_MM + column * width / columns, below + (line + 2) * _LINE_MM, text)
     return bytes(pdf.output())

@@ -52,6 +52,15 @@ def test_tone_and_noise_are_measured() -> None:
 
 
 def test_it_prints_with_its_reflectances(tmp_path: Path) -> None:
-    patches = write_printed_chart(charts.gray_steps.chart(), tmp_path / "steps.pdf", width_mm=120, dots_per_inch=100)
-    assert [round(y, 4) for _, y, _ in patches[:2]] == [0.9, round(0.9 * 10 ** (-1.6 / 11), 4)]
+    field, patches = write_printed_chart(
+        charts.gray_steps.chart(), tmp_path / "steps.pdf", width_mm=120, dots_per_inch=100
+    )
+    assert str(field) == "reflectance 0.900, L* 96.0"
+    assert [round(patch.factor, 4) for patch in patches[:2]] == [0.9, round(0.9 * 10 ** (-1.6 / 11), 4)]
     assert (tmp_path / "steps.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_film_has_transmittances(tmp_path: Path) -> None:
+    chart = charts.gray_steps.chart(density_range=3.0)
+    field, patches = write_printed_chart(chart, tmp_path / "steps.pdf", width_mm=120, dots_per_inch=100, brightest=1)
+    assert (str(field), str(patches[-1])) == ("transmittance 1.000, density 0.00", "transmittance 0.001, density 3.00")

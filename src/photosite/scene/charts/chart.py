@@ -61,6 +61,8 @@ class Chart(Shown):
         Mean luminance of all samples over the chart's luminance.
     relative_error
         RMS error of the reflectances relative to their RMS, where they were reduced to few spectra.
+    transmissive
+        Whether it is film in front of a light: its reflectances are transmittances.
 
     Examples
     --------
@@ -78,6 +80,7 @@ class Chart(Shown):
     patch_reflectance: NDArray[np.float64] | None = None
     luminance_factor: float = 1.0
     relative_error: float = 0.0
+    transmissive: bool = False
 
     def under(
         self,

@@ -15,6 +15,8 @@ from photosite.values.region import Region
 _RADIUS, _PATCH = 0.36, 0.8
 """Of the ring of patches over the height, and of a patch over the distance to the next one, on the diagonal."""
 _BACKGROUND = 0.18
+_MOST_ON_PAPER = 2.0
+"""Range of density above which the chart is film."""
 _INSET = 0.15
 """Part of a patch at each border that is outside of its region: blur reaches it."""
 
@@ -30,7 +32,7 @@ def gray_steps(
     """Gray squares in a ring on middle gray, whose densities are in equal steps (after ISO 14524 and ISO 15739).
 
     All patches have one distance from the middle, where lenses are alike. Printed on paper, 1.6 is near the largest
-    range of density; on film, for transmitted light, up to 4.
+    range of density; on film, for transmitted light, up to 4. Above 2, the chart is film.
 
     Parameters
     ----------
@@ -71,4 +73,5 @@ def gray_steps(
         pattern[r : r + side, c : c + side] = 10.0**-density
         region = Region(f"density {density:.2f}", r + inset, r + side - inset, c + inset, c + side - inset)
         regions.append(region)
-    return gray_chart(pattern, f"{steps} gray steps over a density of {density_range:g}", regions=tuple(regions))
+    name, film = f"{steps} gray steps over a density of {density_range:g}", density_range > _MOST_ON_PAPER
+    return gray_chart(pattern, name, regions=tuple(regions), transmissive=film)

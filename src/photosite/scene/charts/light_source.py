@@ -59,4 +59,4 @@ def light_source(
     region = Region("source", r - half, r + half, c - half, c + half)
     dark = 1.0 / contrast
     name = f"light source of diameter {diameter}"
-    return gray_chart(np.clip(dark + (1.0 - dark) * part, 0.0, 1.0), name, regions=(region,))
+    return gray_chart(np.clip(dark + (1.0 - dark) * part, 0.0, 1.0), name, regions=(region,), transmissive=True)

@@ -176,4 +176,5 @@ def hdr_patches(
         regions=patch_regions(names, order),
         patches=True,
         luminance_factor=float(pattern.mean() / levels.mean()),
+        transmissive=True,
     )
