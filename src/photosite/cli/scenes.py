@@ -126,8 +126,7 @@ def show_scene(picture: Path | None, as_json: bool, **given: Any) -> None:
 @options.quantity(
     *("--brightest", "brightest"),
     unit="R",
-    default=0.9,
-    text="Reflectance of the brightest part of the chart; its transmittance on film.",
+    text="Reflectance of the brightest part of the chart, or its transmittance on film.  [default: 0.9; film: 1]",
 )
 @click.option("--film", is_flag=True, help="Film in front of a light: values are transmittances and densities.")
 @options.json_option

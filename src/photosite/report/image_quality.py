@@ -177,11 +177,12 @@ def value_text(estimate: Estimate) -> str:
 def _picture(quality: ImageQuality) -> Images:
     """Return the first frame with the outlines of what was measured."""
     image = quality.image
-    planes = [image.plane(name)[0] for name in ("R", "G", "B")] if image.origin == "picture" else [_gray(quality)] * 3
-    light = np.stack(planes, axis=-1)
-    light = np.clip(light / max(float(np.percentile(light, _BRIGHT)), 1e-300), 0.0, 1.0)
-    factor = -(-light.shape[1] // WIDEST)
-    whole = Pillow.fromarray(np.rint(srgb_from_light(shrink(light.astype(np.float32))) * 255.0).astype(np.uint8))
+    factor = -(-image.shape[1] // WIDEST)
+    light = np.stack([shrink(plane) for plane in _planes(quality, factor)], axis=-1)
+    light = np.clip(light / max(float(np.percentile(light, _BRIGHT)), 1e-30), 0.0, 1.0)
+    whole = Pillow.fromarray(
+        np.rint(srgb_from_light(np.broadcast_to(light, (*light.shape[:2], 3))) * 255.0).astype(np.uint8)
+    )
     draw = ImageDraw.Draw(whole)
     results = (result for result in quality.results.values() if isinstance(result, Result))
     outlines: list[Any] = [outline for result in results for outline in result.outlines]
@@ -194,11 +195,15 @@ def _picture(quality: ImageQuality) -> Images:
     return Images((Image(content, "image/jpeg", "Frame with the outlines of the chart"),), caption)
 
 
-def _gray(quality: ImageQuality) -> NDArray[np.float64]:
-    """Return the mosaic averaged over its tile, so that colors do not show as a pattern."""
+def _planes(quality: ImageQuality, factor: int) -> list[NDArray[np.float32]]:
+    """Return the planes of a picture, or a mosaic whose colors do not show as a pattern after it is shrunk."""
     image = quality.image
-    values = np.asarray(image.mean, dtype=np.float64) - image.black
+    if image.origin == "picture":
+        return [image.plane(name)[0].astype(np.float32) for name in ("R", "G", "B")]
+    values = image.mean.astype(np.float32) - np.float32(image.black)
     down, along = len(image.cfa), len(image.cfa[0])
+    if factor % down == factor % along == 0:
+        return [values]
     rows, cols = values.shape[0] // down * down, values.shape[1] // along * along
     tiles = values[:rows, :cols].reshape(rows // down, down, cols // along, along).mean(axis=(1, 3))
-    return np.asarray(tiles.repeat(down, axis=0).repeat(along, axis=1))
+    return [tiles.repeat(down, axis=0).repeat(along, axis=1)]

@@ -254,7 +254,7 @@ def missing_channel_blocks(found: Mapping[str, object], what: str) -> tuple[Para
 
 
 def shrink(picture: NDArray[np.float32], widest: int = WIDEST) -> NDArray[np.float32]:
-    """Reduce a picture, (rows, cols, 3), by the smallest integer factor to at most `widest` columns.
+    """Reduce a picture, (rows, cols, 3) or (rows, cols), by the smallest integer factor to at most `widest` columns.
 
     Squares of pixels are averaged; incomplete squares at the right and bottom are dropped.
 
@@ -265,7 +265,8 @@ def shrink(picture: NDArray[np.float32], widest: int = WIDEST) -> NDArray[np.flo
     """
     factor = -(-picture.shape[1] // widest)
     rows, cols = picture.shape[0] // factor, picture.shape[1] // factor
-    squares = picture[: rows * factor, : cols * factor].reshape(rows, factor, cols, factor, 3)
+    kept = picture[: rows * factor, : cols * factor]
+    squares = kept.reshape(rows, factor, cols, factor, *picture.shape[2:])
     return np.asarray(squares.mean(axis=(1, 3)), dtype=np.float32)
 
 

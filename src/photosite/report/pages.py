@@ -1,43 +1,37 @@
-"""Results as pages, by type, as their `report` methods write them."""
+"""Results as pages, by type, as their `report` methods write them. Only the modules of the page are imported."""
 
 from __future__ import annotations
 
-from functools import singledispatch
+from importlib import import_module
 
-from photosite.calibration.captures.combined import CombinedCalibration
-from photosite.calibration.captures.each_capture import CaptureCalibration
-from photosite.calibration.dark.temperature import DarkTemperature
-from photosite.calibration.effects.em_gain import EmGainResult
-from photosite.calibration.gain_series.result import GainSeries
-from photosite.calibration.result import Calibration
-from photosite.calibration.settings_result import SettingsCalibration
-from photosite.metrics.camera_quality import CameraQuality
-from photosite.metrics.measure import ImageQuality
-from photosite.report.calibration import calibration_page
-from photosite.report.captures import captures_page, combined_page
-from photosite.report.dark_temperature import dark_temperature_page
-from photosite.report.em_gain import em_gain_page
-from photosite.report.gain_series import gain_series_page
-from photosite.report.image_quality import camera_quality_page, image_quality_page
 from photosite.report.page import Page
-from photosite.report.settings import settings_page
-from photosite.report.validation import validation_page
-from photosite.validation.frame_validation import FrameValidation
+
+_PAGES = {
+    "Calibration": "calibration.calibration_page",
+    "CaptureCalibration": "captures.captures_page",
+    "CombinedCalibration": "captures.combined_page",
+    "DarkTemperature": "dark_temperature.dark_temperature_page",
+    "EmGainResult": "em_gain.em_gain_page",
+    "FrameValidation": "validation.validation_page",
+    "GainSeries": "gain_series.gain_series_page",
+    "ImageQuality": "image_quality.image_quality_page",
+    "CameraQuality": "image_quality.camera_quality_page",
+    "SettingsCalibration": "settings.settings_page",
+}
+"""Module of `photosite.report` and function, by the name of the result's type."""
 
 
-@singledispatch
 def page(result: object) -> Page:
-    """Return the report of a result as a page, as its type registers."""
+    """Return the report of a result as a page, by its type or the first of its bases that has one.
+
+    Raises
+    ------
+    TypeError
+        If there is no report of the type.
+    """
+    for kind in type(result).__mro__:
+        if kind.__name__ in _PAGES:
+            module, name = _PAGES[kind.__name__].split(".")
+            made: Page = getattr(import_module(f"photosite.report.{module}"), name)(result)
+            return made
     raise TypeError(f"there is no report of a {type(result).__name__}")
-
-
-page.register(Calibration, calibration_page)
-page.register(CaptureCalibration, captures_page)
-page.register(CombinedCalibration, combined_page)
-page.register(DarkTemperature, dark_temperature_page)
-page.register(EmGainResult, em_gain_page)
-page.register(FrameValidation, validation_page)
-page.register(GainSeries, gain_series_page)
-page.register(ImageQuality, image_quality_page)
-page.register(CameraQuality, camera_quality_page)
-page.register(SettingsCalibration, lambda result: settings_page(result, page))

@@ -26,6 +26,8 @@ _TEXT_PT, _LINE_MM, _ENTRY_MM = 8.0, 4.0, 58.0
 _MOST_NAMED = 2
 """Patches of equal values up to which each is named."""
 _MOST_PIXELS = 1 << 28
+_DARKEST = 3e-4
+"""Linear value of the code 1 in sRGB of 8 bits."""
 
 
 def dots(width_mm: float, dots_per_inch: int) -> int:
@@ -82,7 +84,12 @@ class PrintedPatch(Shown):
 
 
 def write_printed_chart(
-    chart: Chart, path: str | PathLike[str], *, width_mm: float, dots_per_inch: int = 600, brightest: float = 0.9
+    chart: Chart,
+    path: str | PathLike[str],
+    *,
+    width_mm: float,
+    dots_per_inch: int = 600,
+    brightest: float | None = None,
 ) -> tuple[PrintedPatch, list[PrintedPatch]]:
     """Write a gray chart as PNG or PDF that prints at its size, in sRGB, and return what its parts should be.
 
@@ -96,7 +103,7 @@ def write_printed_chart(
     width_mm, dots_per_inch
         Width on paper or film, and the resolution; a sample becomes the nearest dots.
     brightest
-        Reflectance of the brightest sample; its transmittance, where the chart is transmissive.
+        Reflectance of the brightest sample, 0.9 by default; where the chart is transmissive, its transmittance, 1.
 
     Returns
     -------
@@ -106,10 +113,13 @@ def write_printed_chart(
     Raises
     ------
     InputError
-        If the chart is in color, whose spectra no printer has, or the picture would be too large.
+        If the chart is in color, whose spectra no printer has, the picture would be too large, or patches would be
+        darker than 8 bits show.
     """
     if chart.reflectance is not None:
         raise InputError("chart", value=chart.name, expected="gray: a printer does not have the spectra of colors")
+    if brightest is None:
+        brightest = 1.0 if chart.transmissive else 0.9
     rows, cols = chart.weights.shape[1:]
     wide = dots(width_mm, dots_per_inch)
     high = round(wide * rows / cols)
@@ -123,6 +133,11 @@ def write_printed_chart(
     codes = np.rint(srgb_from_light(reflectance) * 255.0).astype(np.uint8)[row][:, col]
     picture = Image.fromarray(codes)
     patches = [PrintedPatch(each.name, _mean(each, reflectance), chart.transmissive) for each in chart.regions]
+    dark = [patch for patch in patches if 0.0 < patch.factor < _DARKEST]
+    if dark:
+        expected = f"{_DARKEST} or more, as 8 bits show, or 0"
+        hint = "Print fewer decades or densities"
+        raise InputError(f"{dark[0].quantity} of {dark[0].name}", value=dark[0].factor, expected=expected, hint=hint)
     field = PrintedPatch("brightest part", brightest, chart.transmissive)
     target = Path(path)
     with atomic_path(target) as file:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 
 from photosite.calibration.parameters import parameter_label
@@ -10,19 +10,12 @@ from photosite.calibration.settings_result import SHOWN, SettingsCalibration
 from photosite.report.calibration import FOOTER, READING_TITLE
 from photosite.report.diagnostics import explanations, notices
 from photosite.report.page import Block, Details, Page, Section, Table, Terms
+from photosite.report.pages import page
 from photosite.report.tables import comparison_blocks
 
 
-def settings_page(result: SettingsCalibration, page: Callable[[object], Page]) -> Page:
-    """Return the report of several settings as a page.
-
-    Parameters
-    ----------
-    result
-        Calibrations of the settings.
-    page
-        Returns the report of each, as `photosite.report.pages.page` does.
-    """
+def settings_page(result: SettingsCalibration) -> Page:
+    """Return the report of several settings as a page."""
     titles = {key: f"{parameter_label(key).label} ({parameter_label(key).unit})" for key in SHOWN}
     rows = {
         name: {title: getattr(each, key) for key, title in titles.items()} for name, each in result.calibrations.items()

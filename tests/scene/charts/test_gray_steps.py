@@ -62,5 +62,14 @@ def test_it_prints_with_its_reflectances(tmp_path: Path) -> None:
 
 def test_film_has_transmittances(tmp_path: Path) -> None:
     chart = charts.gray_steps.chart(density_range=3.0)
-    field, patches = write_printed_chart(chart, tmp_path / "steps.pdf", width_mm=120, dots_per_inch=100, brightest=1)
+    field, patches = write_printed_chart(chart, tmp_path / "steps.pdf", width_mm=120, dots_per_inch=100)
     assert (str(field), str(patches[-1])) == ("transmittance 1.000, density 0.00", "transmittance 0.001, density 3.00")
+
+
+def test_film_is_not_darker_than_8_bits_show(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="density 3"):
+        write_printed_chart(charts.hdr_patches.chart(), tmp_path / "hdr.pdf", width_mm=120, dots_per_inch=100)
+    field, _ = write_printed_chart(
+        charts.hdr_patches.chart(decades=3), tmp_path / "hdr.pdf", width_mm=120, dots_per_inch=100
+    )
+    assert (field.quantity, field.factor) == ("transmittance", 1.0)

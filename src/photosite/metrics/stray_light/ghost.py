@@ -111,7 +111,8 @@ def _map(image: ChartImage, channel: str, middle: Array, radius: float, source: 
     )
     values = np.divide(100.0 * total, count * source, out=np.full_like(total, np.nan), where=count > 0)
     row, col = (
-        0.5 * (each + np.minimum(each + side, size)) for each, size in zip((down, along), (rows, cols), strict=True)
+        np.asarray(0.5 * (each + np.minimum(each + side, size)), np.float64)
+        for each, size in zip((down, along), (rows, cols), strict=True)
     )
     values[np.hypot(row[:, None] - middle[0], col - middle[1]) < 2.0 * radius + side] = np.nan
     return FieldMap(channel, "light over that of the source (%)", row, col, values)

@@ -83,7 +83,7 @@ class _View:
             *(min(box.r1 + reach, rows), min(box.c1 + reach, cols)),
         )
         seen = self.image.frames[0][r0:r1, c0:c1] @ XYZ_FROM_SRGB.T / self.exposure
-        y, x = self.chart.to_scene_grid(np.arange(r0, r1) + 0.5, np.arange(c0, c1) + 0.5)
+        y, x = self.chart.to_scene_grid(*(np.arange(a, b, dtype=np.float64) + 0.5 for a, b in ((r0, r1), (c0, c1))))
         scene = self.chart.scene
         at = tuple(
             np.clip(np.floor(each), 0, size - 1).astype(np.intp) for each, size in zip((y, x), scene.shape, strict=True)
@@ -131,9 +131,10 @@ def _picture(region: Region, boxes: list[Region], maps: list[Array]) -> FieldMap
     row, col = (np.arange(start, end, step) for start, end in ((region.r0, region.r1), (region.c0, region.c1)))
     values = np.full((row.size, col.size), np.nan)
     for box, each in zip(boxes, maps, strict=True):
-        down, along = (row >= box.r0) & (row < box.r1), (col >= box.c0) & (col < box.c1)
-        values[np.ix_(down, along)] = each[np.ix_(row[down] - box.r0, col[along] - box.c0)]
-    return FieldMap("", "S-CIELAB difference", row + 0.5, col + 0.5, values)
+        inside = (row >= box.r0) & (row < box.r1), (col >= box.c0) & (col < box.c1)
+        values[np.ix_(*inside)] = each[np.ix_(row[inside[0]] - box.r0, col[inside[1]] - box.c0)]
+    down, along = (np.asarray(each + 0.5, np.float64) for each in (row, col))
+    return FieldMap("", "S-CIELAB difference", down, along, values)
 
 
 MEASUREMENT = Measurement(
