@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 import photosite as ps
 from photosite.errors import InputError
@@ -13,12 +12,8 @@ from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.measure import measure
 from photosite.metrics.measurement import Result
 from photosite.optics.illumination import VeilingGlare
-
-RGGB = (("R", "G"), ("G", "B"))
-SHAPE = (512, 768)
-MIDDLE, RADIUS = np.array([154.0, 230.0]), 20.0
-Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]] + 0.5
-AWAY = [np.hypot(Y - r, X - c) for r, c in (MIDDLE, np.array(SHAPE) - MIDDLE)]
+from photosite.studies.measurements.ghost import SHAPE, STUDY, lit_source
+from photosite.studies.virtual_charts import RGGB
 
 
 def measured(image: NDArray[np.float64], **options: float) -> Result:
@@ -26,35 +21,24 @@ def measured(image: NDArray[np.float64], **options: float) -> Result:
     return measure(given, "light-source", only=["ghost"], options={"ghost": options})["ghost"]
 
 
-def drawn(ghost: float, glare: float, slope: float, size: float = 1.0, signal: float = 40000.0) -> NDArray[np.float64]:
-    """Return the light of a source, of its ghost, and of glare that changes over the frame."""
-    source, mirrored = (ndtr((radius - away) / 1.5) for radius, away in zip((RADIUS, size * RADIUS), AWAY, strict=True))
-    return np.asarray(signal * (source + ghost * mirrored + glare * (1 + slope * (X / SHAPE[1] - 0.5))))
-
-
 def test_intervals_hold_the_ghost_that_was_put_in() -> None:
     """Of 80 frames, 95 % intervals of a channel miss more than 10 in 1 of 250 runs."""
     random = np.random.default_rng(20261209)
-    missed = {(name, channel): 0 for name in ("ghost_percent", "glare_percent") for channel in "RGB"}
-    for _ in range(80):
-        ghost, glare, slope = random.uniform(0, 3e-3), random.uniform(1e-4, 5e-3), random.uniform(-0.5, 0.5)
-        inside = float(np.average(ndtr((RADIUS - AWAY[1][AWAY[1] < 0.75 * RADIUS]) / 1.5)))
-        found = measured(random.poisson(drawn(ghost, glare, slope)) + random.normal(0, 4, SHAPE))
-        at = 1 + slope * ((SHAPE[1] - MIDDLE[1]) / SHAPE[1] - 0.5)
-        source = 1 + glare * (1 + slope * (MIDDLE[1] / SHAPE[1] - 0.5))
-        for (name, channel), truth in {
-            **{("ghost_percent", channel): ghost * inside / source for channel in "RGB"},
-            **{("glare_percent", channel): glare * at / source for channel in "RGB"},
-        }.items():
-            low, high = found[name, channel].interval_95 or (np.nan, np.nan)
-            missed[name, channel] += not low <= 100 * truth <= high
+    missed: dict[tuple[str, str], int] = {}
+    for number in range(80):
+        hidden = STUDY.draw(random, number)
+        found = measure(hidden.frames, hidden.chart, only=["ghost"])["ghost"]
+        for key, truth in hidden.truth_of(found).items():
+            low, high = found[key].interval_95 or (np.nan, np.nan)
+            missed[key] = missed.get(key, 0) + (not low <= truth <= high)
     print({" ".join(key): f"{100 * (1 - each / 80):.0f} %" for key, each in missed.items()})
+    assert len(missed) == 6
     assert max(missed.values()) <= 10, missed
 
 
 def test_a_larger_ghost_and_a_saturated_source() -> None:
     random = np.random.default_rng(20261210)
-    image = np.minimum(random.poisson(drawn(1e-3, 0, 0, size=1.5, signal=4e6)) + 0.0, 60000.0)
+    image = np.minimum(random.poisson(lit_source(1e-3, 0, 0, size=1.5, signal=4e6)) + 0.0, 60000.0)
     with pytest.raises(InputError, match="source_signal"):
         measured(image, size=1.5)
     found = measured(image, size=1.5, source_signal=4e6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
 from importlib import import_module
 
 from photosite.report.page import Page
@@ -21,8 +22,9 @@ _PAGES = {
 """Module of `photosite.report` and function, by the name of the result's type."""
 
 
+@singledispatch
 def page(result: object) -> Page:
-    """Return the report of a result as a page, by its type or the first of its bases that has one.
+    """Return the report of a result as a page, as its type registers, or by the table.
 
     Raises
     ------

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from photosite.color.colorimetry import XYZ_FROM_SRGB, adaptation_to_d65, xyz
+from photosite.color.colorimetry import XYZ_FROM_SRGB, adaptation_to_d65, delta_e_2000, xyz
 from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.color.color_accuracy import clipped_gray, matched_exposure
 from photosite.metrics.color.patch_colors import patch_colors
 from photosite.metrics.measurement import Curve, FieldMap, Measurement, Quantity, Result
-from photosite.metrics.visual.scielab import kernel_size, scielab_differences
+from photosite.metrics.visual.scielab import kernel_size, seen_xyz
 from photosite.metrics.visual.viewing import DISTANCE_MM, PITCH_MM, pixels_per_degree
 from photosite.metrics.visual.visual_noise import inner_box, mean_of_map
 from photosite.values.estimate import Estimate
@@ -30,7 +30,7 @@ _LEAST_SIDE, _MOST_SIDE = 16, 256
 """Pixels along a side of the part of a patch that is judged."""
 _BLOCKS, _SAMPLES = 4, 12
 """Blocks along a side of a patch, and pixels along that of a block, of which percentiles are taken."""
-_DRAWS, _SEED = 400, 1996
+_DRAWS, _SEED = 200, 1996
 _MAP_SIDE = 200
 """Most pixels along a side of the map of differences."""
 
@@ -50,7 +50,10 @@ def _measure(
     exposure = float(matched_exposure(seen[None], colors)[0]) if match_exposure else 1.0
     view = _View(image, chart, exposure, pixels_per_degree(pitch_mm, distance_mm))
     boxes = [_judged(patch) for patch in chart.patches]
-    maps = [view.differences(box) for box in boxes]
+    pairs = [view.seen(box) for box in boxes]
+    flat = delta_e_2000(*(np.concatenate([each.reshape(-1, 3) for each in one]) for one in zip(*pairs, strict=True)))
+    ends = np.cumsum([box.shape[0] * box.shape[1] for box in boxes])[:-1]
+    maps = [part.reshape(box.shape) for part, box in zip(np.split(flat, ends), boxes, strict=True)]
     means = [mean_of_map(each) for each in maps]
     values = {
         "mean": combined(means, [1.0 / len(means)] * len(means)),
@@ -74,15 +77,15 @@ class _View:
     exposure: float
     per_degree: float
 
-    def differences(self, box: Region) -> Array:
-        """Return the differences in a box; what surrounds it is seen as well."""
+    def seen(self, box: Region) -> tuple[Array, Array]:
+        """Return the (rows, cols, 3) XYZ of image and chart in a box as the eye blurs them with what surrounds it."""
         reach = kernel_size(self.per_degree) // 2
         rows, cols = self.image.shape
         r0, c0, r1, c1 = (
             *(max(box.r0 - reach, 0), max(box.c0 - reach, 0)),
             *(min(box.r1 + reach, rows), min(box.c1 + reach, cols)),
         )
-        seen = self.image.frames[0][r0:r1, c0:c1] @ XYZ_FROM_SRGB.T / self.exposure
+        shown = self.image.frames[0][r0:r1, c0:c1] @ XYZ_FROM_SRGB.T / self.exposure
         y, x = self.chart.to_scene_grid(*(np.arange(a, b, dtype=np.float64) + 0.5 for a, b in ((r0, r1), (c0, c1))))
         scene = self.chart.scene
         at = tuple(
@@ -90,8 +93,9 @@ class _View:
         )
         basis = xyz(scene.basis, scene.wavelength_nm) @ adaptation_to_d65(self.chart.white_xyz).T
         reference = np.moveaxis(scene.weights[:, at[0], at[1]], 0, -1) @ basis
-        found = scielab_differences(seen, reference, self.per_degree)
-        return found[box.r0 - r0 : box.r1 - r0, box.c0 - c0 : box.c1 - c0]
+        inside = slice(box.r0 - r0, box.r1 - r0), slice(box.c0 - c0, box.c1 - c0)
+        one, other = (seen_xyz(each, self.per_degree)[inside] for each in (shown, reference))
+        return one, other
 
 
 def _judged(patch: Patch) -> Region:
