@@ -341,6 +341,7 @@ class PixelSurvey:
     def clear(self) -> None:
         """Forget the groups."""
         self._suspects: list[tuple[GroupStatistics, _Ints]] = []
+        self._all = np.zeros(0, np.int64)  # the suspects of all groups, in order
         self._noisy: list[_Ints] = []
         self._groups: list[GroupStatistics] = []
         self.totals: dict[int, GroupTotals] = {}
@@ -363,6 +364,7 @@ class PixelSurvey:
             total = sums.sum
             found = [*self._by_part(lambda part, tile: [_outliers(part, sums.count, tile)], total)]
             self._suspects.append((statistics, np.concatenate([np.zeros(0, np.int64), *found])))
+            self._all = np.union1d(self._all, self._suspects[-1][1])
         return len(self.suspects()) > before
 
     def _by_part(
@@ -377,8 +379,7 @@ class PixelSurvey:
 
     def suspects(self) -> _Ints:
         """Return the pixels found so far, if they are few: their numbers are then kept while frames are read."""
-        index = np.unique(np.concatenate([np.zeros(0, np.int64), *(found for _, found in self._suspects)]))
-        return index[: len(index) if len(index) <= MOST_WATCHED * self.shape[0] * self.shape[1] else 0]
+        return self._all[: len(self._all) if len(self._all) <= MOST_WATCHED * self.shape[0] * self.shape[1] else 0]
 
     def add_noise(self, sums: FrameSums) -> bool:
         """Search the temporal variances of a group, whose sums have the squares, and return whether it has more."""
@@ -566,28 +567,35 @@ def _noisy(variance: _Floats, freedom: int, tile: _Ints) -> Iterator[_Ints]:
     """Yield the numbers of the pixels whose temporal variance is far above the others', by site."""
     from scipy.special import chdtri, ndtri
 
+    limits = {}
     for site in _sites(tile):
-        plane = variance[site[0] :: tile.shape[0], site[1] :: tile.shape[1]]
-        if min(plane.shape) < LEAST_SIDE:
+        shape = plane_shape(variance.shape, site, tile.shape)
+        if min(shape) < LEAST_SIDE:
             continue
-        samples = _block_samples(variance, site, tile, _blocks(plane.shape[0]), _blocks(plane.shape[1])).ravel()
+        size = shape[0] * shape[1]
+        samples = _block_samples(variance, site, tile, _blocks(shape[0]), _blocks(shape[1])).ravel()
         q50, q90 = np.quantile(samples, [0.5, 0.9])
         # The quantiles of equal pixels, in units of the median: chi-square over the degrees of freedom
-        middle, tenth, last = (float(chdtri(freedom, p)) for p in (0.5, 0.1, _NOISE_P_VALUE / plane.size))
+        middle, tenth, last = (float(chdtri(freedom, p)) for p in (0.5, 0.1, _NOISE_P_VALUE / size))
         spread = max(math.log(q90 / q50 * middle / tenth), 0.0) / _TENTH if q50 > 0.0 else 0.0
         usual = float(samples[samples <= q90].mean())
-        factor = REACH * last / middle * math.exp(spread * float(-ndtri(0.1 / plane.size)))
-        limit = max(float(q50), usual) * factor + LEAST_DN2
-        r, c = np.nonzero(plane > NEAR_NOISE * limit)
-        if len(r) > MOST_DEFECTIVE * plane.size:
+        factor = REACH * last / middle * math.exp(spread * float(-ndtri(0.1 / size)))
+        limits[site] = max(float(q50), usual) * factor + LEAST_DN2, float(q50), size
+    lowest = NEAR_NOISE * min((limit for limit, _, _ in limits.values()), default=math.inf)
+    near = np.flatnonzero(variance > lowest)
+    row, col = np.divmod(near, variance.shape[1])
+    values = variance.ravel()[near]
+    for site, (limit, q50, size) in limits.items():
+        own = (row % tile.shape[0] == site[0]) & (col % tile.shape[1] == site[1]) & (values > NEAR_NOISE * limit)
+        r, c = row[own] // tile.shape[0], col[own] // tile.shape[1]
+        if len(r) > MOST_DEFECTIVE * size:
             continue
         parts = [slice(first, first + _CHUNK) for first in range(0, len(r), _CHUNK)]
-        near = np.concatenate(
+        around = np.concatenate(
             [np.zeros(0), *(np.median(_windows(variance, site, tile, r[p], c[p]), axis=1) for p in parts)]
         )
-        wider = np.maximum(near / q50, 1.0) if q50 > 0.0 else 1.0
-        far = _apart(plane[r, c] / (wider * limit), NEAR_NOISE)
-        yield _numbers(r[far], c[far], site, variance.shape, tile)
+        wider = np.maximum(around / q50, 1.0) if q50 > 0.0 else 1.0
+        yield near[own][_apart(values[own] / (wider * limit), NEAR_NOISE)]
 
 
 def in_words(counts: Mapping[str, int]) -> str:

@@ -66,12 +66,25 @@ class ReplacedNumbers(NamedTuple):
     other: NDArray[np.uint16]
 
 
+_NONE = np.zeros(0, np.int64)
+
+
 class _KnownNumbers(NamedTuple):
     """Numbers (frames, n) of some pixels of a group by their places: of those of a replacement and of its sources."""
 
     replacement: PixelReplacement | None
     at: NDArray[np.int64]
     numbers: NDArray[np.uint16]
+
+
+class _Move(NamedTuple):
+    """Where numbers at `at`, of a replacement, are among those at the places `before`, and which are not there."""
+
+    replacement: PixelReplacement
+    at: NDArray[np.int64]
+    before: NDArray[np.int64] | None = None
+    place: NDArray[np.int64] = _NONE
+    unknown: NDArray[np.int64] = _NONE
 
 
 _BATCH_FRAMES, _BATCH_BYTES = 12, 240 << 20
@@ -137,7 +150,8 @@ class FrameReader:
         self.replaced: dict[int, ReplacedNumbers] = {}
         """Numbers of the pixels of each group that `replace_pixels` replaced, by the `id` of the group."""
         self._known: dict[int, _KnownNumbers] = {}
-        self._watched = np.zeros(0, np.int64)
+        self._watched = _NONE
+        self._moves: list[_Move] = []
         self._dark_dn: float | None = None
         self._progress = progress
         self._done = 0
@@ -291,21 +305,27 @@ class FrameReader:
         """
         known = self._known.get(id(group))
         if known is None or known.replacement is not replacement:
-            at = self._places(replacement)
-            known = self._known[id(group)] = _KnownNumbers(replacement, at, self._numbers_at(group, at, known))
+            if not self._moves or self._moves[0].replacement is not replacement:
+                self._moves = [_Move(replacement, self._places(replacement))]
+            known = self._known[id(group)] = self._numbers_of(group, known)
         n = len(replacement.bad_row)
         return ReplacedNumbers(known.numbers[:, :n], known.numbers[:, n:])
 
-    def _numbers_at(self, group: FrameGroup, at: NDArray[np.int64], known: _KnownNumbers | None) -> NDArray[np.uint16]:
+    def _numbers_of(self, group: FrameGroup, known: _KnownNumbers | None) -> _KnownNumbers:
+        """Return the numbers of a group for the replacement of `_moves`; those that are known are not read again."""
+        replacement, at = self._moves[0].replacement, self._moves[0].at
         if known is None:
-            return self._read_numbers(group, at)
-        order = np.argsort(known.at)
-        place = order[np.minimum(np.searchsorted(known.at, at, sorter=order), len(order) - 1)]
-        numbers = known.numbers.take(place, axis=1)
-        unknown = np.flatnonzero(known.at[place] != at)
-        if len(unknown):
-            numbers[:, unknown] = self._read_numbers(group, at[unknown])
-        return numbers
+            return _KnownNumbers(replacement, at, self._read_numbers(group, at))
+        move = next((one for one in self._moves if one.before is known.at), None)
+        if move is None:  # the same for all groups with numbers at these places
+            order = np.argsort(known.at)
+            place = order[np.minimum(np.searchsorted(known.at, at, sorter=order), len(order) - 1)]
+            move = _Move(replacement, at, known.at, place, np.flatnonzero(known.at[place] != at))
+            self._moves.append(move)
+        numbers = known.numbers.take(move.place, axis=1)
+        if len(move.unknown):
+            numbers[:, move.unknown] = self._read_numbers(group, at[move.unknown])
+        return _KnownNumbers(replacement, at, numbers)
 
     def _read_numbers(self, group: FrameGroup, at: NDArray[np.int64]) -> NDArray[np.uint16]:
         row, col = np.divmod(at, self._shape[1])
@@ -331,6 +351,7 @@ class FrameReader:
                 for i, n in zip(used, more.tolist(), strict=True)
             ]
         self._known.clear()
+        self._moves.clear()
 
     def _moved_counts(
         self, counts: Counts, frames: int, own: tuple[NDArray[np.int64], NDArray[np.int64]], numbers: ReplacedNumbers
