@@ -292,3 +292,16 @@ def test_clipped_flats_with_a_pattern_are_no_copies() -> None:
     assert calibration.rejected == ()
     low, high = calibration.system_gain_dn_per_e.interval_95
     assert low <= 0.5 <= high
+
+
+def test_pixels_that_blink_make_no_other_frames() -> None:
+    """Five in a thousand pixels that jump by up to 2000 DN; a frame without two of its lines is another one."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        stack = rng.normal(60.0, 2.0, (12, SIDE, SIDE))
+        for frame in stack:
+            frame += (np.arange(frame.size) % 211 == 0).reshape(frame.shape) * 2000.0 * rng.integers(0, 2, frame.shape)
+        frames = list(np.rint(stack.clip(0)).astype(np.uint16))
+        assert find_outlier_frames(frames, None) == {}
+        frames[4][8:10] = 4095
+        assert list(find_outlier_frames(frames, None)) == [4]

@@ -100,6 +100,8 @@ LEAST_PIXELS = 16
 """Pixels below which a frame is not screened."""
 MEAN_NOISE, LARGEST_LIMIT = 6.0, 2.0
 """Tolerated deviation of a block, in units of the noise of its mean; and the largest limit that follows the scatter."""
+MOST_OF_PIXEL = 12.0
+"""Largest deviation of a pixel that counts, in units of that of its block: five of 64 pixels do not suffice."""
 LEAST_NOISE_DN = 0.5
 """Least noise assumed, DN, where quantization hides it."""
 
@@ -143,11 +145,19 @@ def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | 
     weight = local / usual if usual > of_level.noise * noise else np.ones_like(local)
     rest = off - np.median(off, axis=(1, 2), keepdims=True) * weight
     allowed = (of_block.noise + MEAN_NOISE / np.sqrt(_block_sizes(pattern.shape))) * noise
-    block_score = np.abs(rest / (of_block.signal * local + allowed)).max(axis=(1, 2))
+    tolerated = of_block.signal * local + allowed
+    block_score = np.abs(rest / tolerated).max(axis=(1, 2))
     noise_score = spread / (of_noise.noise * float(np.median(spread)) + of_noise.signal * signal + LEAST_NOISE_DN)
 
     level_limit = _limit(of_level.scatter * NORMAL_MAD * float(np.median(level_score)), n)
     block_limit = _limit(of_block.scatter * float(np.median(block_score)), n)
+    for i in np.flatnonzero(block_score > block_limit):  # a few pixels that blink do not make another frame
+        whole, most = (
+            _over_blocks(off[i] - rest[i], pattern.shape),
+            _over_blocks(MOST_OF_PIXEL * tolerated, pattern.shape),
+        )
+        rest[i] = _block_means(np.clip(deviation[i] - whole, -most, most))
+        block_score[i] = np.abs(rest[i] / tolerated).max()
     found = {}
     for i in range(n):
         if level_score[i] > level_limit:
