@@ -92,11 +92,13 @@ def test_errors_are_centred_and_uncertainties_right(outcomes):
     assert not wrong
 
 
-def test_saturation_is_between_the_exposures(outcomes):
+def test_saturation_of_the_standard_is_between_the_exposures(outcomes, virtual):
     """The largest variance lies within a step of the exposures, which is the rectangular uncertainty."""
-    errors, _ = outcomes
-    for error, uncertainty in errors["mono", "saturation_capacity_photons"]:
-        assert abs(error) < 1.2 * np.sqrt(3) * uncertainty
+    _, calibrations = outcomes
+    for sensor, calibration in calibrations[:MONO]:
+        found = calibration.by_line.saturation_capacity_photons
+        error = found.value - virtual.variance_peak_photons(sensor)
+        assert abs(error) < 1.2 * np.sqrt(3) * found.standard_uncertainty
 
 
 def test_channels_agree_with_the_truth(outcomes):

@@ -202,13 +202,11 @@ def truth(sensor, *, photons_known, dark_exposures_s=(0.0,)):
     }
     if photons_known:
         efficiency = s.channels["M"].quantum_efficiency[0]
-        peak = variance_peak_photons(s)
-        capacity = peak * efficiency
         result |= {
             "responsivity_dn_per_photon": efficiency * gain,
             "quantum_efficiency_percent": 100 * efficiency,
             "sensitivity_threshold_photons": threshold_e / efficiency,
-            "saturation_capacity_photons": peak,
+            "saturation_capacity_photons": capacity / efficiency,
         }
     result |= {
         "saturation_capacity_e": capacity,

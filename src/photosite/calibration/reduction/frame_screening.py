@@ -151,12 +151,10 @@ def find_outlier_frames(samples: Sequence[NDArray[np.uint16]], dark_dn: float | 
 
     level_limit = _limit(of_level.scatter * NORMAL_MAD * float(np.median(level_score)), n)
     block_limit = _limit(of_block.scatter * float(np.median(block_score)), n)
-    for i in np.flatnonzero(block_score > block_limit):  # a few pixels that blink do not make another frame
-        whole, most = (
-            _over_blocks(off[i] - rest[i], pattern.shape),
-            _over_blocks(MOST_OF_PIXEL * tolerated, pattern.shape),
-        )
-        rest[i] = _block_means(np.clip(deviation[i] - whole, -most, most))
+    for i in np.flatnonzero(block_score > block_limit).tolist():  # a few pixels that blink do not make another frame
+        most = _over_blocks(MOST_OF_PIXEL * tolerated, pattern.shape)
+        single = deviation[i] - _over_blocks(off[i] - rest[i], pattern.shape)
+        rest[i] = _block_means(np.clip(single, -most, most))
         block_score[i] = np.abs(rest[i] / tolerated).max()
     found = {}
     for i in range(n):
