@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms, PngImagePlugin
 
 from photosite.cli.main import run
-from photosite.color.colorimetry import srgb_from_light
+from photosite.color.colorimetry import light_from_srgb, srgb_from_light
 from photosite.errors import FileError, InputError
 from photosite.metrics import image_checks
+from photosite.metrics.block_transform import quantization_step
 from photosite.metrics.chart_image import chart_image
 from photosite.metrics.charts.placed_chart import placed_chart
 from photosite.metrics.image_checks import block_steps
@@ -160,3 +161,18 @@ def test_compression_is_seen_in_decoded_pictures() -> None:
             found = block_steps(replace(image, frames=(np.repeat((coded**2.2)[..., None], 3, axis=2),)))
             assert found is not None
             assert found > 0.05
+
+
+@pytest.mark.parametrize("quality", [80, 90, 95])
+def test_fine_compression_is_seen_in_coefficients(quality: int) -> None:
+    """Colors that were JPEG of high quality have coefficients in steps, and no others have."""
+    random = np.random.default_rng(quality)
+    light = srgb_from_light(macbeth(random))[..., None] * [0.9, 1.0, 0.8]
+    for scale in (0.0, 0.003, 0.01, 0.03):
+        encoded = np.clip(light + scale * random.normal(size=light.shape), 0, 1)
+        plain = np.rint(255 * encoded) / 255
+        assert quantization_step(light_from_srgb(plain)) is None
+        if scale:
+            step = quantization_step(light_from_srgb(compressed(encoded, quality)))
+            assert step is not None
+            assert 2 <= step <= 30
