@@ -150,3 +150,11 @@ def test_intervals_contain_the_truth_and_clean_sensors_raise_no_alarm() -> None:
     assert not any(row.wrong for row in study.parameters)
     assert max(map(len, study.false_alarms.values()), default=0) <= 1
     assert len(study.refused) <= 1
+
+
+def test_saturation_in_photons_is_that_of_the_most_responsive_channel() -> None:
+    """Red and green saturate at the same, brightest level; the capacity of red is 10 % larger."""
+    sensor = replace(SMALL, tile="rggb", efficiency={"R": 0.5, "G": 0.55, "B": 0.3})
+    outcome = measure_sensor(sensor).outcomes["saturation_capacity_photons"]
+    assert isinstance(outcome, Outcome)
+    assert abs(outcome.error) < 4.0 * outcome.standard_uncertainty < 0.01 * 9000.0 / 0.55

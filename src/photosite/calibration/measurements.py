@@ -266,12 +266,14 @@ def pool_channels(
             )
             if lacking:
                 notes[name] = f"channel{'s' * (len(known) > 1)} {', '.join(known)} only, not {', '.join(lacking)}"
-    photons = {
-        name: m.saturation_photons.value for name, m in by_name.items() if isinstance(m.saturation_photons, Uncertain)
+    responses = {
+        name: m.responsivity.value if isinstance(m.responsivity, Uncertain) else 0.0
+        for name, m in by_name.items()
+        if isinstance(m.saturation_photons, Uncertain)
     }
     first = fullest
-    if photons:
-        first_to_saturate = min(photons, key=photons.__getitem__)
+    if responses:  # not by the photons: several channels may saturate at one level
+        first_to_saturate = max(responses, key=responses.__getitem__)
         first = by_name[first_to_saturate]
         notes["saturation_photons"] = f"channel {first_to_saturate}, the first to saturate"
     saturated = next((entry for entry in channels if isinstance(entry.saturation_dn, Uncertain)), fullest)
