@@ -36,7 +36,14 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "reference/diagnostics/*", "howto/image-quality/*"]
+exclude_patterns = [
+    "_build",
+    "gallery/*.ipynb",
+    "gallery/*.py",
+    "reference/diagnostics/*",
+    "howto/image-quality/*",
+    "validation/image-quality-coverage.md",
+]
 templates_path = ["_templates"]
 smartquotes = False  # -- begins an option
 default_role = "code"  # docstrings write names in single backticks

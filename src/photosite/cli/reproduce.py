@@ -353,7 +353,10 @@ def detection(stacks: int, clean: int, as_json: bool) -> None:
 @click.option("--draws", type=options.Whole(1), default=CHARTS, help="Charts of each measurement.")
 @click.option("--measurement", "names", multiple=True, metavar="ID", help="Study this measurement only; repeatable.")
 @click.option(
-    "--table", "table_file", type=click.Path(dir_okay=False, path_type=Path), help="Markdown file of the table."
+    "--table",
+    "table_file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Table in Markdown; other rows of the file stay.",
 )
 @options.workers_options(2)
 @options.json_option
@@ -383,12 +386,15 @@ def image_quality(
         progress=lambda done, total: stages(done, total, "charts"),
     )
     if table_file is not None:
+        before = table_file.read_text(encoding="utf-8") if table_file.exists() else ""
         with atomic_path(table_file) as temporary:
-            temporary.write_text(study.markdown(), encoding="utf-8")
+            temporary.write_text(study.markdown(before), encoding="utf-8")
     show(as_json, study.to_dict(), lambda: _image_quality_text(study))
 
 
 def _image_quality_text(study: ImageQualityStudy) -> str:
+    from photosite.studies.measurement_study import measurement_studies
+
     heading = ("quantity", "charts", "intervals", "covered", "bias", "width", "largest", "withheld")
     parts = []
     for name, seconds in study.seconds.items():
@@ -405,7 +411,8 @@ def _image_quality_text(study: ImageQualityStudy) -> str:
             )
             for row in study.of(name)
         ]
-        parts.append(f"{name}: {100 * study.pooled(name):.1f} % covered, {seconds:.2g} s a chart")
+        covered = f"{100 * study.pooled(name):.1f} % covered, " if lines else ""
+        parts.append(f"{name}: {covered}{seconds:.2g} s a chart ({measurement_studies()[name].varied})")
         parts.append(table([heading, *lines], "<>>>>>>>"))
         if refusals := study.refused.get(name):
             parts.append(listed("refused:", (f"{count} charts: {why}" for why, count in refusals.items())))

@@ -84,7 +84,8 @@ class ImageQualityStudy:
             "charts": self.charts,
             "measurements": {
                 name: {
-                    "covered": self.pooled(name),
+                    "varied": measurement_studies()[name].varied,
+                    "covered": self.pooled(name) if self.of(name) else None,
                     "seconds": seconds,
                     "refused": self.refused.get(name, {}),
                     "quantities": [asdict(row) | {"probability": row.probability} for row in self.of(name)],
@@ -94,22 +95,26 @@ class ImageQualityStudy:
             "without_draws": dict(WITHOUT_DRAWS),
         }
 
-    def markdown(self) -> str:
-        """Return the table of the documentation."""
+    def markdown(self, before: str = "") -> str:
+        """Return the table of the documentation; measurements that are not in the study keep their rows of `before`."""
+        kept = {line.split("`")[1]: line for line in before.splitlines() if line.startswith("| `")}
         lines = [
             "| measurement | edition | oracle | coverage | by quantity | largest error | time |",
             "|---|---|---|---|---|---|---|",
         ]
         for name, entry in measurements().items():
             about = f"| `{name}` | {entry.standard} | {entry.oracle} |"
-            if name in self.seconds and (rows := self.of(name)):
+            rows = self.of(name)
+            if rows:
                 each = sorted(100.0 * row.covered for row in rows)
                 span = f"{each[0]:.0f} to {each[-1]:.0f} %" if len(each) > 1 else ""
                 largest = max((row.largest for row in rows), key=abs)
                 seconds = f"{self.seconds[name]:.2g} s"
                 lines.append(f"{about} {100.0 * self.pooled(name):.1f} % | {span} | {largest:+.1f} u | {seconds} |")
+            elif name in WITHOUT_DRAWS:
+                lines.append(f"{about} none: {WITHOUT_DRAWS[name]} | | | |")
             else:
-                lines.append(f"{about} {WITHOUT_DRAWS.get(name, 'not drawn')} | | | |")
+                lines.append(kept.get(name, f"{about} not drawn | | | |"))
         return "\n".join(lines) + "\n"
 
 

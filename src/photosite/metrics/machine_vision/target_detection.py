@@ -40,7 +40,7 @@ COLORED_NOISE = DiagnosticKind(
 _ORDER, _REACH_PX = 5, 32.0
 """As for the response of edges."""
 _BLOCK, _CLEAR_PX = 32, 12.0
-_FIRST_RINGS, _STEPS = 4, 2001
+_FIRST_RINGS, _STEPS, _SLOPE_POINTS = 4, 2001, 5
 _COLORED, _SIGNIFICANT = 0.2, 4.0
 _JOHNSON = {"detection": 1.0, "recognition": 4.0, "identification": 8.0}
 """Cycles over the target for a probability of 50 % (Johnson, Image Intensifier Symposium (1958), rounded)."""
@@ -181,8 +181,11 @@ class _Quanta:
         if below[0] == 0:
             return Missing("bars are seen at no frequency")
         k = int(below[0])
-        slope = (ratio[k] - ratio[k - 1]) / (self.frequency[k] - self.frequency[k - 1])
-        found = float(self.frequency[k - 1] + (_BAR_SNR - ratio[k - 1]) / slope)
+        step = (ratio[k] - ratio[k - 1]) / (self.frequency[k] - self.frequency[k - 1])
+        found = float(self.frequency[k - 1] + (_BAR_SNR - ratio[k - 1]) / step)
+        # Noise changes the slope between neighbors by its own amount.
+        near = slice(max(k - _SLOPE_POINTS, k // 2), k + _SLOPE_POINTS)
+        slope = float(np.polyfit(self.frequency[near], ratio[near], 1)[0])
         own = 0.5 * ratio[k] * math.hypot(self.error[k] / max(self.square[k], 1e-12), float(self.relative[k]))
         at_limit = Uncertain.of(_BAR_SNR, own) + (self.zero / self.zero.value - 1.0) * (0.5 * _BAR_SNR)
         limit: Uncertain = (at_limit - _BAR_SNR) * float(-1.0 / slope) + found

@@ -122,8 +122,9 @@ def measured_edge(
 
 
 _CLEAR_OF_EDGE_PX = 12.0
-_GRADIENT_SIGMAS, _AGREEMENT_SIGMAS = 4.0, 3.0
-"""Significance of a gradient of the light, and agreement of the two sides; the blur of a lens makes them disagree."""
+_GRADIENT_SIGMAS, _AGREEMENT_SIGMAS = 4.0, 4.3
+"""Significance of a gradient of the light, and agreement of the two sides, which noise exceeds in 1 of 10 000; the blur
+of a lens makes them disagree."""
 
 
 def _gradient(plane: Array, mask: NDArray[np.bool_], edge: SlantedEdge) -> Array | None:

@@ -11,7 +11,7 @@ import numpy as np
 from photosite.errors import InputError
 from photosite.metrics.tone.gray_patches import GrayPatch
 from photosite.values.shown import Shown
-from photosite.values.uncertain import Missing, Uncertain, Value, correlated
+from photosite.values.uncertain import Missing, Uncertain, Value, combined
 
 
 @dataclass(frozen=True)
@@ -121,21 +121,23 @@ def _polynomial(patches: Sequence[GrayPatch], kind: str, order: int) -> tuple[tu
         for _ in range(10):  # weights from the polynomial, not from the noisy variances
             weight = 1.0 / np.maximum(relative * np.maximum(fitted, y.min() * 0.1), 1e-300) ** 2
             covariance = np.linalg.inv(model.T @ (weight[:, None] * model))
-            found = covariance @ (model.T @ (weight * y))
-            fitted = model @ found
+            solver = covariance @ (model.T * weight)
+            fitted = model @ (solver @ y)
+        found = tuple(combined([each for _, each in pairs[:used]], row) for row in solver)
         if chdtrc(used - order - 1, float(weight @ (y - fitted) ** 2)) > _IN_STEPS:
-            return correlated(found, covariance), used
-    return correlated(found, covariance), 0
+            return found, used
+    return found, 0
 
 
 def _fixed(patches: Sequence[GrayPatch]) -> tuple[Uncertain, ...]:
     """Return offsets and pattern of the fixed pattern's variance offsets + pattern S^2, by weighted least squares."""
     known = [(patch.mean.value, patch.fixed) for patch in patches if patch.fixed is not None]
-    x, y, spread = np.array([(mean, fixed.value, fixed.standard_uncertainty) for mean, fixed in known]).T
+    x, spread = np.array([(mean, fixed.standard_uncertainty) for mean, fixed in known]).T
     model = np.stack([np.ones_like(x), x**2], axis=1)
     weight = 1.0 / np.maximum(spread, 1e-300) ** 2
-    covariance = np.linalg.inv(model.T @ (weight[:, None] * model))
-    return correlated(covariance @ (model.T @ (weight * y)), covariance)
+    solver = np.linalg.solve(model.T @ (weight[:, None] * model), model.T * weight)
+    # The fixed pattern is what temporal noise leaves: sums of both know that their errors are opposite.
+    return tuple(combined([fixed for _, fixed in known], row) for row in solver)
 
 
 def bright_pattern(patches: Sequence[GrayPatch]) -> Uncertain:
