@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -179,13 +180,14 @@ def command(
     else:
         mean = camera.mean_electrons(seen, time_s)
     del per_second
-    taken = date_of_files().replace(tzinfo=None).isoformat(timespec="seconds")
+    taken = date_of_files().replace(tzinfo=None, microsecond=0)
     progress = Stages()
     video = None if fps is None else camera.record(seen, frames, fps, time_s, seed=seed, temperature_c=temperature_c)
     for number, path in enumerate(paths):
         still = partial(camera.expose, mean, time_s, seed=seed, frame=number, scene=scene, temperature_c=temperature_c)
         raw = still() if video is None else next(video)
-        raw = replace(raw, metadata={**raw.metadata, "date_time": taken})
+        at = taken if fps is None else taken + timedelta(seconds=number / fps)
+        raw = replace(raw, metadata={**raw.metadata, "date_time": at.isoformat()})
         raw = _with_white_balance(raw, camera, set_up.scene.light)
         _save(raw, path, preview if number == 0 else None)
         for name in parts:

@@ -62,6 +62,8 @@ class ChartImage(Shown):
         How the values became proportional to light.
     quantization
         Largest quantization step of luma of JPEG files; None for others.
+    stamps
+        Times of the frames as they state them (ISO 8601); empty unless all do.
 
     Examples
     --------
@@ -81,6 +83,7 @@ class ChartImage(Shown):
     focal_length_mm: float | None = None
     tone: Tone = "linear"
     quantization: float | None = None
+    stamps: tuple[str, ...] = ()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -300,6 +303,7 @@ def _of_raw(frames: Sequence[RawFrame], sensor: Sensor | None) -> ChartImage:
         None if (value := first.metadata.get(name)) is None else float(value)
         for name in ("f_number", "focal_length_mm")
     )
+    stamps = [frame.metadata.get("date_time") for frame in frames]
     return ChartImage(
         tuple(frame.dn for frame in frames),
         "raw",
@@ -310,6 +314,7 @@ def _of_raw(frames: Sequence[RawFrame], sensor: Sensor | None) -> ChartImage:
         first.exposure_s,
         f_number,
         focal_length_mm,
+        stamps=tuple(map(str, stamps)) if all(stamps) else (),
     )
 
 

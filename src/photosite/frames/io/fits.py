@@ -355,6 +355,7 @@ def _header(image: JoinedUnits) -> FrameHeader:
         "image_type": image_type,
         "binning": _binning(keywords),
         "subframe": _subframe(unit.size, keywords),
+        "date_time": keywords.text("DATE-OBS"),
         **{name: keywords.plain(*names) for name, names in _CONDITIONS.items()},
     }
     if keywords.get("CCD-TEMP") is None and not cooled(metadata["set_temperature_c"]):

@@ -14,6 +14,7 @@ from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
+from photosite.metrics.motion.time_stamps import STAMP_QUANTITIES, stamp_values
 from photosite.values.estimate import Estimate
 from photosite.values.region import Region
 from photosite.values.shown import Shown
@@ -75,6 +76,7 @@ def _measure(
         "exposure_ms": _ratio(blur, derive(lambda v: v * math.copysign(1.0, v.value), velocity), 1e3),
     }
     values = {(name, ""): Estimate.of(value, "") for name, value in found.items()}
+    values |= {(name, ""): estimate for name, estimate in stamp_values(image.stamps).items()}
     values["jitter_ms", ""] = (
         Estimate.of_variance(jitter, "") if isinstance(jitter, Uncertain) else Estimate.of(jitter, "")
     )
@@ -203,6 +205,7 @@ MEASUREMENT = Measurement(
         ),
         "exposure_ms": Quantity("exposure time", "ms", "Motion blur over velocity."),
         "jitter_ms": Quantity("frame jitter", "ms", "Standard deviation of the times of frames about a constant rate."),
+        **STAMP_QUANTITIES,
     },
     oracle="closed forms of an edge that moves in front of a rolling shutter",
     left_out=(

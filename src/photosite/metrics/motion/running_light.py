@@ -14,6 +14,7 @@ from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
+from photosite.metrics.motion.time_stamps import STAMP_QUANTITIES, stamp_values
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Source, Uncertain, Value, derive
@@ -68,7 +69,8 @@ def _measure(
         Curve(f"line {line + 1}", "lamp", f"signal of the first frame, channel {image.sharp_channel}", number, each)
         for line, each in enumerate(signals[0])
     )
-    return Result({(name, ""): Estimate.of(value, "") for name, value in values.items()}, curves)
+    estimates = {name: Estimate.of(value, "") for name, value in values.items()} | stamp_values(image.stamps)
+    return Result({(name, ""): estimate for name, estimate in estimates.items()}, curves)
 
 
 def _signals(image: ChartImage, chart: PlacedChart) -> Array:
@@ -153,6 +155,7 @@ MEASUREMENT = Measurement(
             "us",
             "Time from a row to the next, from the light's place over the lines; it runs to the right.",
         ),
+        **STAMP_QUANTITIES,
     },
     oracle="overlap of exposures with the steps of a light, in closed form",
     left_out=(
