@@ -36,12 +36,12 @@ def test_intervals_hold_the_ghost_that_was_put_in() -> None:
     assert max(missed.values()) <= 10, missed
 
 
-def test_a_larger_ghost_and_a_saturated_source() -> None:
+def test_a_smaller_ghost_and_a_saturated_source() -> None:
     random = np.random.default_rng(20261210)
-    image = np.minimum(random.poisson(lit_source(1e-3, 0, 0, size=1.5, signal=4e6)) + 0.0, 60000.0)
+    image = np.minimum(random.poisson(lit_source(1e-3, 0, 0, size=0.6, signal=4e6)) + 0.0, 60000.0)
     with pytest.raises(InputError, match="source_signal"):
-        measured(image, size=1.5)
-    found = measured(image, size=1.5, source_signal=4e6)
+        measured(image, size=0.6)
+    found = measured(image, size=0.6, source_signal=4e6)
     assert found["ghost_percent", "G"].value == pytest.approx(0.1, rel=0.05)
 
 

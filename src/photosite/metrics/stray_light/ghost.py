@@ -19,7 +19,7 @@ from photosite.values.uncertain import Uncertain, correlated
 
 Array = NDArray[np.float64]
 
-_INNER, _GAP, _REACH = 0.75, 1.5, 4.0
+_INNER, _GAP, _REACH = 0.75, 1.5, 3.5
 """Radii over that of the ghost: up to which it is measured, and between which the light beside it is."""
 _LEAST_PIXELS = 20
 _LEAST_SIGMAS = 20.0
@@ -40,7 +40,8 @@ def _measure(
         raise InputError("source", expected="in the frame")
     patch = chart.patches[0]
     middle = np.array([patch.r0 + patch.r1, patch.c0 + patch.c1]) / 2
-    radius = 0.5 * (patch.r1 - patch.r0 + patch.c1 - patch.c0)  # the region is half as wide as the disc
+    region, diameter = chart.scene.regions[0], float(chart.options["diameter"])
+    radius = 0.25 * diameter * sum((patch.r1 - patch.r0, patch.c1 - patch.c0)) / (region.r1 - region.r0)
     ghost = np.array(image.shape) - middle
     reach = _REACH * size * radius
     if math.dist(middle, ghost) < reach + 2.0 * radius:

@@ -20,7 +20,7 @@ def light_source(
     *,
     down: Fraction = 0.3,
     across: Fraction = 0.3,
-    diameter: Annotated[int, Field(ge=8)] = 20,
+    diameter: Annotated[int, Field(ge=8)] = 38,
     contrast: Contrast = 10000.0,
     rows: Samples = 256,
     cols: Samples = 384,
@@ -32,7 +32,7 @@ def light_source(
     down, across
         Place of the disc, as parts of the height and width.
     diameter
-        Of the disc, in samples.
+        Of the disc, in samples; by default more than 1 % of the field, so that automatic exposures do not saturate it.
     contrast
         Radiance of the disc over that of the field; `math.inf` for a black field.
     rows, cols
@@ -47,7 +47,7 @@ def light_source(
     --------
     >>> chart = light_source()
     >>> chart.regions[0].r0, chart.regions[0].c1
-    (72, 120)
+    (68, 124)
     """
     r, c = round(down * rows), round(across * cols)
     reach = diameter // 2 + 1
