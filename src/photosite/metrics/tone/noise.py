@@ -203,7 +203,8 @@ MEASUREMENT = Measurement(
     },
     oracle="noise budget of the sensor in closed form",
     left_out=(
-        "Frames are taken as proportional to light: the incremental gain is constant. A plane is fitted to each patch "
+        "Frames are taken as proportional to light: the incremental gain is constant, and charge of the dark current "
+        "counts as signal, so that long exposures have too large a dynamic range. A plane is fitted to each patch "
         "in place of a high-pass filter. The texts were not at hand: 13 % of saturation, half a stop below 18 %, and "
         "the black patch of 2003 are those of published descriptions (Imatest; D. A. Kerr, 2008), which name no other "
         "difference of the editions."

@@ -237,8 +237,9 @@ MEASUREMENT = Measurement(
     oracle="integrals of white noise over the sensitivities in closed form; S-CIELAB filters of ISETCam",
     left_out=(
         "The texts of the standards were not at hand: weights and color sensitivities are not checked with them. ISO "
-        "15739:2023 and the response of the display are not included. Options give the size of an image pixel as it is "
-        "viewed, and the distance."
+        "15739:2023 is not included: by published descriptions it has CIELAB, as sigma L*, a* and b* here, and other "
+        "weights, which were not found. The response of the display is not included. Options give the size of an image "
+        "pixel as it is viewed, and the distance."
     ),
     order=410,
 )
