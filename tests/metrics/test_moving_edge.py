@@ -74,7 +74,7 @@ def test_rate_and_jitter_of_time_stamps() -> None:
         ]
         found = stamp_values(stamps)
         for name, truth in (("frame_rate_hz", fps), ("stamp_jitter_ms", 1e3 * jitter_s)):
-            low, high = found[name].interval_95 or (truth, truth)
+            low, high = found[name].interval_95 or (np.nan, np.nan)
             missed[name] += not low <= truth <= high
     print({name: f"{100 * (1 - each / 200):.1f} %" for name, each in missed.items()})
     assert max(missed.values()) <= 20, missed
