@@ -97,3 +97,24 @@ def test_denoised_texture_is_named(leaves: tuple[NDArray[np.float64], dict[str, 
     assert "texture-and-artifacts" not in ids(frames)
     sharpened = [3.0 * median_filter(each, 5) - 2.0 * gaussian_filter(median_filter(each, 5), 2.0) for each in frames]
     assert "texture-and-artifacts" in ids(sharpened)
+
+
+@pytest.mark.parametrize(("width", "pixel"), [(21, 8), (5, 4), (5, 8)])
+def test_texture_of_coarse_samples(width: int, pixel: int) -> None:
+    """Samples are squares of even brightness: the image of a perfect camera is their mean over each pixel.
+
+    `width` and `pixel` are the sides of a sample and of a pixel. Aliases in the image scatter the bands by 1 %.
+    """
+    count = 400 * pixel // width
+    options = {"smallest_radius": 1.0, "largest_radius": 60.0, "rows": count, "cols": count}
+    scene = ps.charts.dead_leaves("D65", 100, **options).weights[0].astype(float)
+    side, end = count * width // pixel, count * width / pixel
+    fine = np.repeat(np.repeat(scene, width, 0), width, 1)[: side * pixel, : side * pixel]
+    image = fine.reshape(side, pixel, side, pixel).mean(axis=(1, 3))
+    corners = (0.0, 0.0), (0.0, end), (end, end), (end, 0.0)
+    found = texture_sfr(image * 1000, options, corners=corners)
+    curve = next(each for each in found.curves if each.part == "M, cross")
+    ratio = curve.y / response(curve.x, 0.0)
+    for low in (0.05, 0.15, 0.25, 0.35):
+        band = (curve.x >= low) & (curve.x < low + 0.1)
+        assert ratio[band].mean() == pytest.approx(1.0, abs=0.02)

@@ -125,10 +125,14 @@ class PlacedChart(Shown):
         InputError
             If the chart is in color.
         """
+        y, x = np.broadcast_arrays(row, col)
+        return self.gray_of(self.to_scene(np.stack([y, x], axis=-1)))
+
+    def gray_of(self, points: Array) -> Array:
+        """Return the chart at points of the scene, (..., 2) rows and columns of samples; as `gray_at`."""
         if len(self.scene.weights) != 1:
             raise InputError("chart", value=self.name, expected="gray")
-        y, x = np.broadcast_arrays(row, col)
-        at = np.floor(self.to_scene(np.stack([y, x], axis=-1))).astype(np.intp)
+        at = np.floor(points).astype(np.intp)
         rows, cols = self.scene.shape
         found = self.scene.weights[0][np.clip(at[..., 0], 0, rows - 1), np.clip(at[..., 1], 0, cols - 1)]
         return np.asarray(found, dtype=np.float64)
