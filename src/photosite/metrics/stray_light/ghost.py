@@ -26,6 +26,8 @@ _LEAST_SIGMAS = 20.0
 _CLIPPED_FRACTION = 1e-3
 _MOST_PERCENT = 50.0
 """Light at the mirrored place over that of the source; more where the image shows no source."""
+_MOST_BLURRED = 0.2
+"""Light beside the source over that of the source."""
 _CELLS = 60
 
 
@@ -52,6 +54,7 @@ def _measure(
     maps: list[FieldMap] = []
     for channel in image.channels:
         source = _source(image, chart, channel) if source_signal is None else Uncertain(source_signal)
+        _check_sharp(image, channel, middle, radius, source.value)
         excess, beside = _excess(image, channel, ghost, size * radius)
         if (beside + excess).value > 0.01 * _MOST_PERCENT * source.value:
             hint = "Check the chart, its corners and the exposure"
@@ -74,6 +77,17 @@ def _source(image: ChartImage, chart: PlacedChart, channel: str) -> Uncertain:
     if source.value <= 0 or not source.beyond(_LEAST_SIGMAS):
         raise InputError("signal of the source", expected="above its noise", hint="Expose more")
     return source
+
+
+def _check_sharp(image: ChartImage, channel: str, middle: Array, radius: float, source: float) -> None:
+    (r0, c0), (r1, c1) = (np.clip(middle + side * 2.0 * radius, 0, image.shape).round().astype(int) for side in (-1, 1))
+    box = Region("source", int(r0), int(r1), int(c0), int(c1))
+    mask = image.mask(channel, box)
+    row, col = np.nonzero(mask)
+    beside = np.hypot(row + 0.5 + r0 - middle[0], col + 0.5 + c0 - middle[1]) > _GAP * radius
+    if image.plane(channel, box)[0][mask][beside].mean() > _MOST_BLURRED * source:
+        hint = "Check the focus, the chart and its corners"
+        raise InputError("light beside the source", expected="below a fifth of that of the source", hint=hint)
 
 
 def _excess(image: ChartImage, channel: str, middle: Array, radius: float) -> tuple[Uncertain, Uncertain]:
