@@ -725,3 +725,24 @@ def test_an_invalid_field_is_named_and_nothing_is_computed(page, link) -> None:
     wait(page, "document.querySelector('#view-plan .key, #view-plan svg.plot .mark-text') !== null")
     assert len(asked) == 1
     assert alert.is_hidden()
+
+
+def test_image_quality_of_frames(page, link, folder: Path) -> None:
+    """Frames of the served folder, and one that is uploaded, are measured in place of simulated ones."""
+    opened(page, link, "quality")
+    frames = page.locator("#view-quality select").first
+    frames.select_option("file:chart")
+    wait(page, "document.querySelector('#view-quality input[max=\"64\"]') === null")
+    page.locator("#view-quality .card").nth(1).locator("select").first.select_option("macbeth")
+    assert page.locator("#view-quality").get_by_label("f-number").count() == 0
+    page.locator("#view-quality").get_by_role("button", name="Measure", exact=True).click()
+    wait(page, "document.querySelector('#view-quality [role=status]').textContent.startsWith('computed')")
+    assert page.locator("#view-quality h3").count() > 3
+    save(page, "quality-measured")
+    page.locator("#view-quality input[type=file]").first.set_input_files(folder / "chart" / "1.dng")
+    wait(page, "document.querySelector('#view-quality select').selectedOptions[0].textContent === '1.dng'")
+    page.locator("#view-quality").get_by_role("button", name="Measure", exact=True).click()
+    wait(page, "document.querySelector('#view-quality [role=status]').textContent.startsWith('computed')")
+    frames.select_option("")
+    wait(page, "document.querySelector('#view-quality input[max=\"64\"]') !== null")
+    assert page.locator("#view-quality").get_by_label("f-number").count() == 1

@@ -60,10 +60,11 @@ export async function show(content, run = true) {
       ...(simulated ? [
         field("f-number", "", { type: "number", min: 0.5 }, request.lens.f_number, (value) => { request.lens = { ...request.lens, f_number: value }; }),
         field("Focal length", "mm", { type: "number", min: 0.2 }, request.lens.focal_length_mm, (value) => { request.lens = { ...request.lens, focal_length_mm: value }; }),
-        field("Frames", "0: no noise", { type: "number", min: 0, max: 64, step: 1 }, request.frames, (value) => { request.frames = value; }),
-      ] : [choice("in_electrons", "This sensor took them: values in electrons"), choice("detect", "Find the chart (ColorChecker, slanted squares); else it fills the frames")]),
+        field("Number of frames", "0: no noise", { type: "number", min: 0, max: 64, step: 1 }, request.frames, (value) => { request.frames = value; }),
+      ] : []),
       field("Mean luminance", simulated ? "cd/m²" : "cd/m², if known", { type: "number", min: 1e-6, max: 1e9, required: simulated, oninput: (event) => { if (event.target.value === "") request.luminance_cd_m2 = null; } }, request.luminance_cd_m2 ?? "", (value) => { request.luminance_cd_m2 = value; }),
-      ...lightField("Illuminant", known, request.illuminant, (value) => { request.illuminant = value; }))),
+      ...lightField("Illuminant", known, request.illuminant, (value) => { request.illuminant = value; })),
+      ...(simulated ? [] : [choice("in_electrons", "This sensor took them: values in electrons"), choice("detect", "Find the chart (ColorChecker, slanted squares); else it fills the frames")])),
     bar, results);
   if (run) start();
 }
