@@ -344,13 +344,14 @@ def test_the_first_keys_reach_the_views_in_order(page, link) -> None:
     page.reload()
     ready(page, "camera")
     reached = []
-    for _ in range(9):
+    for _ in range(10):
         page.keyboard.press("Tab")
         reached.append(
             page.evaluate("document.activeElement.textContent.trim().slice(0, 12) || document.activeElement.id")
         )
     reached = [each for each in reached if not each.startswith("Uploads")]  # there if a test before has uploaded
-    assert reached[:7] == ["Skip to cont", "Camera", "Calibrate", "Compare", "Plan", "Sweep", "Appearance: "]
+    views = ["Camera", "Calibrate", "Compare", "Plan", "Sweep", "Quality"]
+    assert reached[:8] == ["Skip to cont", *views, "Appearance: "]
 
 
 def test_an_upload_is_simulated(page, link, folder: Path) -> None:
