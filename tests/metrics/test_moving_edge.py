@@ -80,6 +80,12 @@ def test_rate_and_jitter_of_time_stamps() -> None:
     assert max(missed.values()) <= 20, missed
 
 
+@pytest.mark.parametrize("zone", ["Z", "+09:00", "-05:00"])
+def test_time_zones_do_not_change_the_jitter(zone: str) -> None:
+    stamps = [f"2026-11-28T12:00:00.{ms:03d}" for ms in (0, 41, 79, 122, 160, 198, 241)]
+    assert stamp_values([stamp + zone for stamp in stamps]) == stamp_values(stamps)
+
+
 def test_time_stamps_of_frames() -> None:
     random = np.random.default_rng(20261216)
     times = np.arange(12) / FPS + random.normal(0, 1e-3, 12)

@@ -35,7 +35,7 @@ _CELLS = 8
 """Of the smooth field along the longer side: spots cover less than half of one."""
 _QUARTILES_PER_SIGMA = 1.34898
 _FILLED = 3
-"""How often spots are filled with the smooth field, which is then made anew."""
+"""How often spots are filled with the smooth field, which is then fitted again."""
 _LEAST_SIDE, _MOST_AREA, _LONGEST = 64, 0.1, 0.2
 _CLIPPED_FRACTION = 1e-3
 _MAP_COLS = 96

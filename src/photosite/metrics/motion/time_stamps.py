@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from datetime import datetime
 
@@ -13,6 +14,8 @@ from photosite.metrics.measurement import Quantity
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Missing, Source, Uncertain
 
+_FRACTION = re.compile(r"\.(\d+)")
+"""Digits of the seconds; a time zone may follow."""
 _LEAST_FRAMES = 5
 _BY_CHANCE = 0.01
 """Probability that the rounding of constant times scatters more."""
@@ -29,7 +32,7 @@ STAMP_QUANTITIES = {
 def stamp_values(stamps: Sequence[str]) -> dict[str, Estimate]:
     """Return frame rate and jitter by the stated times of frames in their order (ISO 8601); empty without times.
 
-    The rounding of the times is taken off the jitter: it is uniform over their last digit.
+    The variance of the rounding, which is uniform over the last digit, is subtracted from that of the jitter.
 
     Examples
     --------
@@ -63,5 +66,4 @@ def stamp_values(stamps: Sequence[str]) -> dict[str, Estimate]:
 
 def _digit_s(stamps: Sequence[str]) -> float:
     """Return the last digit of the most exact time."""
-    digits = max(len(stamp.partition(".")[2].split("+")[0].rstrip("Z")) for stamp in stamps)
-    return 10.0**-digits
+    return 10.0 ** -max(len(match[1]) if (match := _FRACTION.search(stamp)) else 0 for stamp in stamps)

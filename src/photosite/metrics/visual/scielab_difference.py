@@ -112,7 +112,7 @@ def _judged(patch: Patch) -> Region:
 
 
 def _percentile(maps: list[Array], percent: float) -> Uncertain:
-    """Return a percentile over all patches; its uncertainty is that of the blocks of each patch, drawn anew."""
+    """Return a percentile over all patches; its uncertainty is from resampling the blocks of each patch."""
     blocks = np.stack([_blocks(each) for each in maps])
     random = np.random.default_rng(_SEED)
     patch = np.arange(len(maps))[:, None]
