@@ -100,6 +100,33 @@ def test_the_sensor_file_has_the_amplifiers(quadrants: ps.Calibration) -> None:
     assert np.allclose(offsets, (blacks - blacks.mean()) / gains, atol=0.3)
 
 
+def test_nonuniformity_is_that_within_the_amplifiers(quadrants: ps.Calibration) -> None:
+    """Pixels of 1 % PRNU and 2 electrons of DSNU; all amplifiers together have 13 % and 18 electrons."""
+    found = quadrants.pixel_nonuniformity
+    near(found["prnu_percent"], 1.0)
+    near(found["dsnu_e"], 2.0)
+    near(found["dsnu_dn"], 2.0 * 0.2925)
+    near(found["dcnu_percent"], 0.0)
+    assert quadrants.prnu_percent.value > 12.0
+    assert quadrants.emva1288["DSNU1288"].value > 15.0
+    entries = quadrants.to_dict()["readout_channels"]
+    assert entries["prnu_within_channels_percent"]["value"] == found["prnu_percent"].value
+
+
+def test_amplifiers_of_equal_gain_and_other_offsets(tmp_path: Path) -> None:
+    """Five in a row: no halves or quadrants."""
+    blacks = (64.0, 80.0, 70.0, 90.0)
+    names = {name: (0.3, black) for name, black in zip(("A1", "A2", "A3", "A4", "A5"), (*blacks, 75.0), strict=True)}
+    found = ps.calibrate(ps.open_frames(write(tmp_path, names, 5, columns=(32,) * 5), bits=12))
+    channels = found.readout_channels
+    assert channels is not None
+    assert (channels.shape, channels.relative_gain) == ((1, 5), None)
+    expected = (np.array([*blacks, 75.0]) - np.mean([*blacks, 75.0])) / 0.3
+    assert np.allclose(channels.tables()[1][0], expected, atol=0.5)
+    near(found.pixel_nonuniformity["dsnu_e"], 2.0)
+    assert found.dsnu_dn.value > 8.0
+
+
 def test_equal_amplifiers_leave_the_gain_as_it_is(tmp_path: Path) -> None:
     """The result is that of the same frames without the names of the parts."""
     frames = ps.open_frames(write(tmp_path, {"A": (0.3, 64.0), "B": (0.3, 64.0)}, 2), bits=12)

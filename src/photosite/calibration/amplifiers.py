@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,10 @@ from photosite.calibration.measurements import Measurements
 from photosite.calibration.parameters import Parameters
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.diagnostic import DiagnosticKind, one_in
+from photosite.values.estimate import Estimate, signed_square
 from photosite.values.region import Region
 from photosite.values.shown import Shown
-from photosite.values.uncertain import Measured, Uncertain, Value, derive
+from photosite.values.uncertain import Measured, Missing, Uncertain, Value, derive, weighted_mean
 
 DIFFERENT_P_VALUE = 1e-3
 """Fraction of chips of equal amplifiers whose gains may differ as far."""
@@ -81,15 +83,16 @@ class AmplifierGains:
     @classmethod
     def of(cls, amplifiers: Mapping[str, Amplifier]) -> AmplifierGains | None:
         """Return the gains; None where one is missing, or they do not differ beyond chance."""
-        from scipy.special import chdtrc
+        found = cls.known(amplifiers)
+        return found if found is not None and _differ(found.gains, found.uncertainties) else None
 
+    @classmethod
+    def known(cls, amplifiers: Mapping[str, Amplifier]) -> AmplifierGains | None:
+        """Return the gains; None where one is missing."""
         found = [each.parameters.system_gain_dn_per_e for each in amplifiers.values()]
         if len(found) < 2 or any(entry.value is None or not entry.standard_uncertainty for entry in found):
             return None
         gains, u = (np.array([getattr(entry, name) for entry in found]) for name in ("value", "standard_uncertainty"))
-        middle = float((gains / u**2).sum() / (1.0 / u**2).sum())
-        if chdtrc(len(gains) - 1, float((((gains - middle) / u) ** 2).sum())) > DIFFERENT_P_VALUE:
-            return None
         pixels = np.array([math.prod(each.region.shape) for each in amplifiers.values()], float)
         return cls(gains, u, pixels / pixels.sum(), tuple(amplifiers))
 
@@ -143,12 +146,53 @@ class AmplifierGains:
         return replace(m, **scaled)
 
 
+def _differ(values: NDArray[np.float64], u: NDArray[np.float64]) -> bool:
+    """Return whether values differ beyond chance, given their standard uncertainties."""
+    from scipy.special import chdtrc
+
+    middle = float((values / u**2).sum() / (1.0 / u**2).sum())
+    return bool(chdtrc(len(values) - 1, float((((values - middle) / u) ** 2).sum())) <= DIFFERENT_P_VALUE)
+
+
+def within_amplifiers(amplifiers: Mapping[str, Amplifier], chip: Parameters) -> dict[str, Estimate]:
+    """Return DSNU, PRNU and DCNU about the mean of each amplifier; DSNU at the system gain of the chip."""
+    pixels = [float(math.prod(each.region.shape)) for each in amplifiers.values()]
+
+    def of(name: str, scale: Value = _ONE) -> Estimate:
+        method = f"root of the mean square over the amplifiers; {getattr(chip, name).method}"
+        squares = []
+        for each in amplifiers.values():
+            if isinstance(found := getattr(each.parameters, name).uncertain, Missing):
+                return Estimate.of(found, method)
+            u = found.standard_uncertainty  # of a deviation of 0, the variance is about 2 u^2 uncertain
+            squares.append(found.apply(signed_square, partial(_twice_hypot, u)))
+        if isinstance(scale, Missing):
+            return Estimate.of(scale, method)
+        return Estimate.of_variance(weighted_mean(squares, pixels), method, scale)
+
+    gain, volts = chip.system_gain_dn_per_e.uncertain, chip.conversion_gain_uv_per_e.uncertain
+    return {
+        "dsnu_dn": of("dsnu_e", gain),
+        "dsnu_e": of("dsnu_e"),
+        "dsnu_mv": of("dsnu_e", derive(lambda uv: 1e-3 * uv, volts)),
+        "prnu_percent": of("prnu_percent"),
+        "dcnu_percent": of("dcnu_percent"),
+    }
+
+
+_ONE = Uncertain(1.0)
+
+
+def _twice_hypot(u: float, value: float) -> float:
+    return 2.0 * math.hypot(value, u)
+
+
 def amplifier_channels(amplifiers: Mapping[str, Amplifier], rows: int, cols: int) -> ReadoutChannels | None:
-    """Return amplifiers of different gains as readout channels; None where they are not equal parts of the array.
+    """Return amplifiers as readout channels; None where they are alike, or not equal parts of the array.
 
     Offsets are those of the black levels, where all are known.
     """
-    found = AmplifierGains.of(amplifiers)
+    found = AmplifierGains.known(amplifiers)
     if found is None:
         return None
     places = [each.region for each in amplifiers.values()]
@@ -158,7 +202,11 @@ def amplifier_channels(amplifiers: Mapping[str, Amplifier], rows: int, cols: int
     if (tops, lefts) != equal or math.prod(shape) != len(places):
         return None
     order = np.argsort([each.r0 * cols + each.c0 for each in places])
-    gains, source = found.gains[order], "measured from the frames of each amplifier"
+    differ = _differ(found.gains, found.uncertainties)
+    gains, source = (
+        found.gains[order] if differ else np.full(len(order), found.mean),
+        "measured from the frames of each amplifier",
+    )
     blacks = [list(amplifiers.values())[k].parameters.black_level_dn for k in order]
 
     def table(values: NDArray[np.float64], u: NDArray[np.float64]) -> list[list[Measured]]:
@@ -166,11 +214,14 @@ def amplifier_channels(amplifiers: Mapping[str, Amplifier], rows: int, cols: int
         return [cells[k : k + shape[1]] for k in range(0, len(cells), shape[1])]
 
     offsets = None
-    if all(entry.value is not None for entry in blacks):
+    if all(entry.value is not None and entry.standard_uncertainty for entry in blacks):
         black = np.array([entry.value or 0.0 for entry in blacks])
         u = np.array([entry.standard_uncertainty or 0.0 for entry in blacks])
-        offsets = table((black - found.weights[order] @ black) / gains, u / gains)
-    relative = table(gains / found.mean, found.uncertainties[order] / found.mean)
+        if differ or _differ(black, u):
+            offsets = table((black - found.weights[order] @ black) / gains, u / gains)
+    relative = table(gains / found.mean, found.uncertainties[order] / found.mean) if differ else None
+    if relative is None and offsets is None:
+        return None
     return ReadoutChannels.model_validate(
         {"arrangement": "blocks", "relative_gain": relative, "offset_e": offsets},
     )

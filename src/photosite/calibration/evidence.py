@@ -52,6 +52,8 @@ class Evidence:
         Voltage swing and analog gain of `base`.
     amplifiers, amplifier_gains
         The amplifiers that the files name, and their gains where they differ.
+    alike
+        The parameters with DSNU, PRNU and DCNU as with readout channels that are alike; None where none differ.
     chip, temporal, dark_rate_dn_per_s
         With maps: the maps and the temporal noise of the chip; (rows, cols) dark current of its pixels without glow.
     pixel_gains
@@ -73,6 +75,7 @@ class Evidence:
     electrical_scale: Mapping[str, Uncertain]
     amplifiers: Mapping[str, Amplifier] = field(default_factory=dict)
     amplifier_gains: AmplifierGains | None = None
+    alike: Parameters | None = None
     chip: MeasuredChip | None = None
     temporal: TemporalNoise | None = None
     dark_rate_dn_per_s: NDArray[np.float32] | None = None
@@ -127,6 +130,7 @@ def collect_evidence(
     amplifiers: Mapping[str, Amplifier] | None = None,
 ) -> Evidence:
     """Return the evidence: the results of the stages, with the parameters that follow from them."""
+    as_taken = dark
     dark = with_shared_charge(dark, light.noise.shared)
     at_mean_gain = dark
     if (gains := AmplifierGains.of(amplifiers or {})) is not None:
@@ -135,6 +139,7 @@ def collect_evidence(
     dark, at_mean_gain = without_mean_slope(dark, found), without_mean_slope(at_mean_gain, found)
     scale, mv_per_dn = _electrical_scale(sensor)
     measured, pooled = _measurements(reduction, at_mean_gain, light, patterns.channels, by_line=False)
+    alike = _alike(reduction, as_taken, light, patterns.channels, gains)
     lines = _measurements(reduction, with_standard_lines(dark), light, patterns.channels, by_line=True)[1]
     return Evidence(
         reduction=reduction,
@@ -152,7 +157,26 @@ def collect_evidence(
         electrical_scale=scale,
         amplifiers=amplifiers or {},
         amplifier_gains=gains,
+        alike=None if alike is None else estimate_parameters(alike, mv_per_dn),
     )
+
+
+def _alike(
+    reduction: Reduction,
+    dark: DarkResult,
+    light: LightResult,
+    patterns: Sequence[FixedPattern],
+    gains: AmplifierGains | None,
+) -> Measurements | None:
+    """Return the measurements as with readout channels that are alike; None where none differ."""
+    if not any(pattern.alike for pattern in patterns):
+        return None
+    channels = tuple(pattern.alike_dark(m) for m, pattern in zip(dark.channels, patterns, strict=True))
+    dark = with_shared_charge(replace(dark, channels=channels), light.noise.shared)
+    if gains is not None:
+        dark = gains.dark(dark)
+    dark = without_mean_slope(dark, _contradiction(dark, light.gain))
+    return _measurements(reduction, dark, light, [pattern.as_alike() for pattern in patterns], by_line=False)[1]
 
 
 def _contradiction(dark: DarkResult, gain: Value) -> Contradiction | None:

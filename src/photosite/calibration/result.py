@@ -137,6 +137,15 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
         return None if found is None else found.channels
 
     @property
+    def pixel_nonuniformity(self) -> Mapping[str, Estimate]:
+        """DSNU, PRNU and DCNU without the differences between readout channels, by the names of the parameters.
+
+        Those parameters include the differences. Empty where the channels are alike.
+        """
+        found = self._found("readout_channels", ChannelDifferences)
+        return {} if found is None else found.pixels
+
+    @property
     def coupling(self) -> PixelCoupling | None:
         """Interpixel capacitance; None where it is not known."""
         return self._found("interpixel_capacitance", PixelCoupling)

@@ -82,6 +82,9 @@ def _calibration(calibration: Calibration, every: bool) -> list[str]:
         name = next((name for name in names if getattr(calibration, name).value is not None), names[0])
         entry, shown = getattr(calibration, name), PARAMETER_LABELS[name]
         rows.append((shown.label, format_estimate(entry), shown.unit, interval_text(entry) or entry.reason_id))
+        if (part := calibration.pixel_nonuniformity.get(name)) is not None:
+            within = f"{shown.label} within readout channels"
+            rows.append((within, format_estimate(part), shown.unit, interval_text(part) or part.reason_id))
     parts = [heading, table(rows, "<<<<")]
     if calibration.chip is not None:
         counts = (f"{kind} {count}" for kind, count in calibration.chip.defects.counts().items() if count)
@@ -123,6 +126,7 @@ def _effects(calibration: Calibration) -> list[str]:
         for name, effect in effects().items()
         if effect.labels and isinstance(found := calibration.findings.get(name), Finding)
         for key, (label, unit) in effect.labels.items()
+        if key in found.estimates
     ]
     head = "effect", "value", "unit", "95 % interval", "method or reason"
     return [table([head, *rows], "<<<<<")] if rows else []

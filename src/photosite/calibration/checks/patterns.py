@@ -14,7 +14,7 @@ PERIODIC_GAIN = DiagnosticKind(
     "periodic-gain",
     "warning",
     "The flat fields differ with a period of a few rows or columns.",
-    "Readout channels have different gains; PRNU includes this difference.",
+    "Readout channels have different gains. PRNU includes this difference; PRNU within readout channels does not.",
     "Nothing: the sensor file has the readout channels.",
     ("prnu*",),
     "difference as a fraction of the signal",
@@ -24,7 +24,7 @@ PERIODIC_OFFSET = DiagnosticKind(
     "periodic-offset",
     "warning",
     "The dark frames differ with a period of a few rows or columns.",
-    "Readout channels have different offsets; DSNU includes this difference.",
+    "Readout channels have different offsets. DSNU includes this difference; DSNU within readout channels does not.",
     "Nothing: the sensor file has the readout channels.",
     ("dsnu*",),
     "difference, DN",
@@ -34,8 +34,8 @@ TAP_STEPS = DiagnosticKind(
     "steps-between-taps",
     "warning",
     "Halves or quadrants of the frames differ.",
-    "Taps have different gains or offsets; PRNU or DSNU includes the step. The system gain is that of the mean "
-    "variance and the mean signal, which is above the mean of different gains.",
+    "Taps have different gains or offsets. PRNU or DSNU includes the step; those within readout channels do not. The "
+    "system gain is that of the mean variance and the mean signal, which is above the mean of different gains.",
     "Nothing: the sensor file has the readout channels. --region calibrates one of them.",
     ("prnu*", "dsnu*", "system_gain_dn_per_e", "*_e", "*_e_per_s"),
     "step as a fraction of the signal, or in DN for dark frames",

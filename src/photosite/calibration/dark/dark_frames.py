@@ -29,10 +29,13 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level, pooled_level
 from photosite.calibration.reduction.quantization import with_rounding
 from photosite.calibration.reduction.reduce import Reduction, dark_slope_coefficients
+from photosite.calibration.spatial.channel_tables import alike_levels, alike_noise
 from photosite.calibration.spatial.line_noise import TemporalComponents, pool_temporal
 from photosite.calibration.spatial.pixel_slopes import SlopeSpread, excess_variance
 from photosite.calibration.withheld import UNKNOWN_DARK_NOISE
+from photosite.engine.lazy_maps import held
 from photosite.engine.map_statistics import Moments, label_moments
+from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Source, Uncertain, Value, derive, weighted_mean
@@ -113,10 +116,9 @@ def _measure_channel(darks: _Darks, k: int, moments: Moments) -> Measurements:
     dsnu, method = _dsnu_variance(moments, darks.mean_at_zero, k), _AT_ZERO
     if darks.mean_at_zero is darks.mean:
         method = _AT_EXPOSURE.format(_SPREAD, format_exposure(exposure_s))
-    elif slopes is not None and (charge_dn := darks.lines[k].mean.charge_uncertainty_dn) and slopes[k].mean:
-        # A dark charge that is off spreads over the pixels as the slopes do.
-        spread = charge_dn**2 * max(slopes[k].variance.value, 0.0) / slopes[k].mean ** 2
-        dsnu += Uncertain.of(0.0, min(spread, max(level.spatial_variance, dsnu.value)))
+    elif slopes is not None:
+        charge = _spread_of_charge(darks.lines[k], slopes[k])
+        dsnu += Uncertain.of(0.0, min(charge, max(level.spatial_variance, dsnu.value)))
     measured = measure_dark_level(darks.lines[k], level, darks.reference.label)
     measured = replace(measured, dsnu_variance=dsnu, dsnu_method=method)
     if slopes is not None:
@@ -127,6 +129,48 @@ def _measure_channel(darks: _Darks, k: int, moments: Moments) -> Measurements:
     plain, filtered = darks.clipped.components(k, *darks.mean.both_components(k))
     measured = replace(measured, dsnu1288=plain, dsnu1288_filtered=filtered)
     return _with_censored_fit(measured, darks.clipped.estimates[k], measured.dark_slope_variance, exposure_s)
+
+
+def _spread_of_charge(lines: DarkLines, slope: SlopeSpread) -> float:
+    """Return the variance over pixels of a dark charge that is off: it spreads as the slopes do."""
+    if slope.mean == 0.0:
+        return 0.0
+    return lines.mean.charge_uncertainty_dn**2 * max(slope.variance.value, 0.0) / slope.mean**2
+
+
+def measure_alike(dark: DarkResult, readout: ReadoutChannels) -> list[dict[str, Value]]:
+    """Return the variances of the dark level and of the dark slope as with readout channels that are alike.
+
+    Offsets of `readout` are in DN. The variances are those of each channel of colors, by the names of `Measurements`.
+    Where noise is unknown or clipped, those of the readout channels are subtracted.
+    """
+    gain, offset = readout.tables()
+    if dark.mean is None or dark.noise_unknown or dark.clipped is not None or dark.cut is not None:
+        offsets, gains = float((gain * offset).var()), float(gain.var())
+        return [
+            {
+                "dsnu_variance": derive(lambda v: v - offsets, m.dsnu_variance),
+                "dark_slope_variance": derive(lambda v, s: v - s * s * gains, m.dark_slope_variance, m.dark_slope),
+            }
+            for m in dark.channels
+        ]
+    mean = dark.mean if dark.slope_map is None else dark.slope_map.moved(dark.mean, 0.0)
+    factor, found = alike_noise(readout), list[dict[str, Value]]()
+    alike = replace(
+        mean,
+        mean=held(alike_levels(mean.mean, readout)),
+        noise=[parts.scaled(factor) for parts in mean.noise],
+        total_noise=[noise * factor for noise in mean.total_noise],
+    )
+    slopes = None if dark.slope_map is None else dark.slope_map.spreads(readout)
+    for k, moments in enumerate(label_moments(alike.mean, alike.tile)):
+        dsnu = _dsnu_variance(moments, alike, k)
+        if slopes is None:
+            found.append({"dsnu_variance": dsnu})
+            continue
+        dsnu += Uncertain.of(0.0, _spread_of_charge(dark.lines[k], slopes[k]))
+        found.append({"dsnu_variance": dsnu, "dark_slope_variance": slopes[k].variance})
+    return found
 
 
 def _measure_pooled(darks: _Darks, lines: DarkLines) -> Measurements:

@@ -26,6 +26,7 @@ from photosite.calibration.spatial.pixel_slopes import PixelSlopes, SlopeSpread,
 from photosite.calibration.spatial.spatial_analysis import MeanPlanes
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.lazy_maps import Map, MovedMap, held
+from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.exposure import format_exposure
 from photosite.values.uncertain import Missing, Uncertain, derive
 
@@ -138,10 +139,10 @@ class SlopeMap:
     def _frames(self) -> NDArray[np.int64]:
         return np.array([entry.frames for entry in self.groups])
 
-    def spreads(self) -> tuple[SlopeSpread, ...]:
-        """Return the spread of the slopes per channel."""
+    def spreads(self, readout: ReadoutChannels | None = None) -> tuple[SlopeSpread, ...]:
+        """Return the spread of the slopes per channel; with `readout`, that of readout channels that are alike."""
         channels = range(len(self.groups[0].levels))
-        spreads = self.slopes.spreads([self.noise(self.coefficients, k) for k in channels])
+        spreads = self.slopes.spreads([self.noise(self.coefficients, k) for k in channels], readout)
         return tuple(replace(spread, variance=self._rounded(spread.variance, k)) for k, spread in enumerate(spreads))
 
     def _rounded(self, variance: Uncertain, channel: int) -> Uncertain:

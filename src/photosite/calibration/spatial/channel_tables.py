@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.spatial.periodic_structure import PeriodicStructure, Taps
-from photosite.engine.lazy_maps import LazyMap, Map
+from photosite.engine.lazy_maps import ConstantMap, LazyMap, Map, row_strips
 from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.uncertain import Measured, Uncertain, Value
 
@@ -82,9 +82,16 @@ def _of(gains: _Table | None, offsets: _Table | None, arrangement: str) -> Reado
             return None
         return tuple(row * (cols // len(row)) for row in table) * (rows // len(table))
 
-    return ReadoutChannels.model_validate(
-        {"arrangement": arrangement, "relative_gain": repeated(gains), "offset_e": repeated(offsets)}
-    )
+    gains, offsets = repeated(gains), repeated(offsets)
+    if gains is not None and offsets is not None:  # a channel multiplies its offset by its gain
+        offsets = tuple(
+            tuple(
+                Measured(offset.value / gain.value, offset.standard_uncertainty / gain.value, offset.source)
+                for offset, gain in zip(*row, strict=True)
+            )
+            for row in zip(offsets, gains, strict=True)
+        )
+    return ReadoutChannels.model_validate({"arrangement": arrangement, "relative_gain": gains, "offset_e": offsets})
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +101,7 @@ class _AlikeMap(LazyMap):
     mean: Map
     dark: Map | None
     tables: tuple[NDArray[np.float64], NDArray[np.float64]]
-    groups: tuple[NDArray[np.intp], NDArray[np.intp]]
+    groups: tuple[NDArray[np.int64], NDArray[np.int64]]
 
     @property
     def shape(self) -> tuple[int, ...]:  # type: ignore[override]
@@ -106,7 +113,7 @@ class _AlikeMap(LazyMap):
         gain, offset = (table[np.ix_(self.groups[0][rows], self.groups[1][cols])] for table in self.tables)
         mean = self.mean[rows, cols]
         if self.dark is None:
-            return np.asarray(mean - offset)
+            return np.asarray(mean - gain * offset)
         dark = self.dark[rows, cols]
         return np.asarray((mean - dark) / gain + dark - offset)
 
@@ -125,3 +132,29 @@ def without_channels(mean: Map, channels: ReadoutChannels | None, dark: Map | No
         return mean
     gain, offset = channels.tables()
     return _AlikeMap(mean, dark, (gain, offset), channels.groups(mean.shape[0], mean.shape[1]))
+
+
+def alike_levels(dark: Map, channels: ReadoutChannels) -> Map:
+    """Return a mean dark frame less the mean of each readout channel, with gains that are alike.
+
+    The means are those of the frame, not the offsets of `channels`, which are 0 where they are within chance.
+    """
+    (rows, cols), gain = channels.groups(*dark.shape), channels.tables()[0]
+    total, within = np.zeros(gain.shape), (cols[:, None] == np.arange(gain.shape[1])).astype(np.float64)
+    for first, last in row_strips(dark):
+        np.add.at(total, rows[first:last], dark[first:last] @ within)
+    means = total / np.outer(np.bincount(rows), np.bincount(cols))
+    return _AlikeMap(dark, ConstantMap(dark.shape), (gain, means / gain), (rows, cols))
+
+
+def alike_slopes(slopes: Map, channels: ReadoutChannels | None) -> Map:
+    """Return a map of slopes against exposure as with readout channels that are alike."""
+    if channels is None or channels.relative_gain is None:
+        return slopes
+    gains = channels.model_copy(update={"offset_e": None})
+    return without_channels(slopes, gains, ConstantMap(slopes.shape))
+
+
+def alike_noise(channels: ReadoutChannels | None) -> float:
+    """Return the factor of a mean variance of noise, equal in electrons, with readout channels that are alike."""
+    return 1.0 if channels is None else 1.0 / float((channels.tables()[0] ** 2).mean())

@@ -16,10 +16,11 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.calibration.dark.dark_frames import measure_alike
 from photosite.calibration.dark.dark_lines import same_exposure
 from photosite.calibration.dark.dark_result import ComponentsPair, DarkResult, GroupMean
 from photosite.calibration.light.light_frames import LightResult
-from photosite.calibration.measurements import NO_LIGHT, STRAIGHT
+from photosite.calibration.measurements import NO_LIGHT, STRAIGHT, Measurements
 from photosite.calibration.photon_transfer.channel import Channel
 from photosite.calibration.photon_transfer.noise_covariance import SharedCharge
 from photosite.calibration.photon_transfer.without_darks import unknown_dark_current
@@ -102,6 +103,7 @@ class FixedPattern:
     column_gain_variance: Value = NO_LIGHT
     slope_contrast: Uncertain = STRAIGHT
     half_contrast: Uncertain = STRAIGHT
+    alike: Mapping[str, Value] = field(default_factory=dict)  # as with readout channels that are alike
 
     def in_electrons(self) -> FixedPattern:
         """Return the pattern with the nonuniformity of the electrons in place of that of the signal."""
@@ -116,6 +118,16 @@ class FixedPattern:
             prnu1288_unfiltered=unfiltered,
         )
 
+    def as_alike(self) -> FixedPattern:
+        """Return the pattern with the response as with readout channels that are alike."""
+        response = self.alike.get("response_variance", self.response_variance)
+        return replace(self, response_variance=response, channel_variance=0.0)
+
+    def alike_dark(self, dark: Measurements) -> Measurements:
+        """Return what the dark frames show with its variances as with readout channels that are alike."""
+        changes: dict[str, Any] = {name: value for name, value in self.alike.items() if name != "response_variance"}
+        return replace(dark, **changes)
+
     @property
     def variances(self) -> dict[str, Any]:
         """The variances and the exposure time of those of the dark, by the names of `Measurements`."""
@@ -129,7 +141,7 @@ class FixedPattern:
         """Return the pattern without what the flat fields show."""
         light = ("response_variance", "shading_variance", "prnu1288", "prnu1288_unfiltered", "column_gain_variance")
         changes: dict[str, Any] = dict.fromkeys(light, why)
-        return replace(self, **changes)
+        return replace(self, **changes, alike={name: why if name in light else v for name, v in self.alike.items()})
 
 
 @dataclass(frozen=True)
@@ -291,6 +303,7 @@ class _FlatPattern:
     lines: PixelLines
     structure: PeriodicStructure | None = None
     taps: tuple[Taps, ...] = ()
+    readout: ReadoutChannels | None = None  # with offsets in DN
     prnu: dict[int, ComponentsPair] = field(default_factory=dict)  # high-passed, and plain
     gains: dict[int, VarianceComponents | Missing] = field(default_factory=dict)  # without readout channels
     spatial: dict[int, SpatialAnalysis | Missing] = field(default_factory=dict)
@@ -305,17 +318,22 @@ def measure_fixed_pattern(
     readout = measured_channels(None, offsets, taps, Uncertain(1.0))  # offsets in DN
     darks = _dark_patterns(inputs, readout)
     if not light.channels:
-        channels = tuple(_without_light(inputs, k, pattern) for k, pattern in enumerate(darks))
+        alike = [] if readout is None else measure_alike(dark, readout)
+        channels = tuple(
+            replace(_without_light(inputs, k, pattern), alike=alike[k] if alike else {})
+            for k, pattern in enumerate(darks)
+        )
         return FixedPatterns(channels, dark_structure=offsets, taps=taps, far=far)
     flats = _read_flats(inputs, darks, offsets, taps)
     planes = MapPlanes(flats.slopes.slopes, reader.tile)
-    spreads = flats.slopes.spreads(
-        [Uncertain(0.0) if isinstance(plan, Missing) else plan.noise for plan in inputs.plans]
-    )
+    noise = [Uncertain(0.0) if isinstance(plan, Missing) else plan.noise for plan in inputs.plans]
+    spreads = flats.slopes.spreads(noise)
     result = [
         _channel_pattern(inputs, k, pattern, flats, planes, spread)
         for k, (pattern, spread) in enumerate(zip(darks, spreads, strict=True))
     ]
+    if flats.readout is not None:
+        result = _with_alike(inputs, result, noise, flats, flats.readout)
     structure = flats.structure
     if structure is not None and structure.is_mosaic():
         result = [entry.withheld(UNSTATED_MOSAIC.missing(f"{structure}; state it")) for entry in result]
@@ -353,7 +371,6 @@ def _read_flats(
     # A level beyond the linear range of a channel hides differences within it.
     clear = [i for i in groups if all(i in each for each in weights if each)]
     brightest = max(clear or groups, key=lambda i: lights[i].levels[0].mean, default=None)
-    readout = None
     # The readout channels are those of the brightest flat fields, and are subtracted from the others. The groups near
     # half saturation come last, because their planes are held.
     order = sorted(groups, key=lambda i: (i != brightest, i in inputs.half, -lights[i].levels[0].mean))
@@ -365,7 +382,7 @@ def _read_flats(
                 structure = computed_beside(thread, periodic_structure, values, inputs.dark_mean, reader.tile)
                 step = find_taps(mean_of_sites(values, inputs.dark_mean, reader.tile.shape, relative=True))
             flats.structure, flats.taps = structure.result(), _found([step])
-            readout = measured_channels(flats.structure, offsets, taps + flats.taps, Uncertain(1.0))
+            flats.readout = measured_channels(flats.structure, offsets, taps + flats.taps, Uncertain(1.0))
         channels = [k for k, group in enumerate(inputs.half) if group == i]
         if channels:
             flat = GroupMean.of(reader, lights[i], mean, inputs.dark.scatter, values)
@@ -374,7 +391,7 @@ def _read_flats(
                 flats,
                 _with_shared_noise(inputs, flat),
                 {k: darks[k] for k in channels},
-                readout,
+                flats.readout,
                 own=i != order[-1],
             )
             del flat
@@ -428,6 +445,23 @@ def _measure_half_saturated(
             flats.gains[k] = _light_less_dark(alike.components(k, filtered=True), dark.unaltered, channel, group)
 
 
+def _with_alike(
+    inputs: _Inputs,
+    patterns: Sequence[FixedPattern],
+    noise: Sequence[Uncertain],
+    flats: _FlatPattern,
+    readout: ReadoutChannels,
+) -> list[FixedPattern]:
+    """Return the patterns with the variances as with readout channels that are alike."""
+    dark, slopes, result = inputs.dark, flats.slopes, []
+    darks = dark.slopes if dark.slope_map is None else dark.slope_map.spreads(readout)
+    for k, (spread, alike) in enumerate(zip(slopes.spreads(noise, readout), measure_alike(dark, readout), strict=True)):
+        spreads = spread, None if darks is None else darks[k]
+        response = _response(inputs, k, spreads, _hidden(inputs, flats, k), patterns[k].column_gain_variance)
+        result.append(replace(patterns[k], alike={**alike, "response_variance": response}))
+    return result
+
+
 def _channel_pattern(
     inputs: _Inputs, k: int, pattern: _DarkPattern, flats: _FlatPattern, planes: MapPlanes, spread: SlopeSpread
 ) -> FixedPattern:
@@ -438,25 +472,16 @@ def _channel_pattern(
         flats.gains[k], flats.prnu[k] = group, (group, group)
         flats.spatial[k] = pattern.spatial(group, inputs.outliers)
     spreads = spread, None if dark.slopes is None else dark.slopes[k]
-    response = _response_variance(plan, *spreads)
-    if dark.noise_unknown and dark.slopes is None and (why := _dark_current_unknown(channel)) is not None:
-        response = why
-    shading = response if isinstance(response, Missing) else _shading(planes, k, plan, *spreads)
-    hidden = _hidden(inputs, flats, k, plan)
+    hidden = _hidden(inputs, flats, k)
     if isinstance(hidden, Missing):
-        response, shading, flats.prnu[k], flats.gains[k] = hidden, hidden, (hidden, hidden), hidden
-    elif hidden is not None and not isinstance(plan, Missing):
-        if isinstance(response, Uncertain):
-            response = hidden.without(response, spread.mean, plan.seconds_per_unit)
+        flats.prnu[k], flats.gains[k] = (hidden, hidden), hidden
+    elif hidden is not None:
         flats.prnu[k] = _without_hidden(flats.prnu[k], hidden, channel, group, inputs.reduction.lights)
-    if flicker is not None:
-        bands = Uncertain.of(0.0, flicker.fraction**2 * _fraction_left(channel, weights, inputs.reduction.lights))
-        response, shading = (derive(lambda a, b: a + b, variance, bands) for variance in (response, shading))
     lines, count = _line_variances(pattern.unaltered, flats.gains[k]), inputs.line_count(k)
-    if isinstance(response, Uncertain) and isinstance(gain := lines["column_gain_variance"], Uncertain):
-        # The columns are fewer than the pixels.
-        few = max(gain.value, 0.0) * math.sqrt(2.0 / max(count[1] - 1, 1))
-        response = response + Uncertain.of(0.0, few)
+    response = _response(inputs, k, spreads, hidden, lines["column_gain_variance"])
+    shading = response if isinstance(response, Missing) else _shading(planes, k, plan, *spreads)
+    if flicker is not None:
+        shading = derive(lambda variance: variance + _bands(inputs, k, flicker.fraction), shading)
     structure = flats.structure
     return FixedPattern(
         response,
@@ -473,10 +498,40 @@ def _channel_pattern(
     )
 
 
-def _hidden(
-    inputs: _Inputs, flats: _FlatPattern, channel: int, plan: SlopePlan | Missing
-) -> HiddenDarkCurrent | Missing | None:
+def _response(
+    inputs: _Inputs,
+    k: int,
+    spreads: tuple[SlopeSpread, SlopeSpread | None],
+    hidden: HiddenDarkCurrent | Missing | None,
+    columns: Value,
+) -> Value:
+    """Return the relative variance of the response, from the spreads of the slopes of flat fields and dark frames."""
+    plan, dark, flicker = inputs.plans[k], inputs.dark, inputs.light.noise.flicker
+    response = _response_variance(plan, *spreads)
+    if dark.noise_unknown and dark.slopes is None:
+        response = _dark_current_unknown(inputs.light.channels[k]) or response
+    if isinstance(hidden, Missing):
+        response = hidden
+    elif hidden is not None and isinstance(response, Uncertain) and isinstance(plan, SlopePlan):
+        response = hidden.without(response, spreads[0].mean, plan.seconds_per_unit)
+    if flicker is not None:
+        response = derive(lambda variance: variance + _bands(inputs, k, flicker.fraction), response)
+    if isinstance(response, Uncertain) and isinstance(columns, Uncertain):
+        # The columns are fewer than the pixels.
+        few = max(columns.value, 0.0) * math.sqrt(2.0 / max(inputs.line_count(k)[1] - 1, 1))
+        response = response + Uncertain.of(0.0, few)
+    return response
+
+
+def _bands(inputs: _Inputs, k: int, fraction: float) -> Uncertain:
+    """Return the uncertainty of variances of the slopes from bands of flicker, a fraction of the light."""
+    left = _fraction_left(inputs.light.channels[k], inputs.weights[k], inputs.reduction.lights)
+    return Uncertain.of(0.0, fraction**2 * left)
+
+
+def _hidden(inputs: _Inputs, flats: _FlatPattern, channel: int) -> HiddenDarkCurrent | Missing | None:
     """Return the dark current that dark frames of one exposure time leave open."""
+    plan = inputs.plans[channel]
     if inputs.dark.slopes is not None or isinstance(plan, Missing):
         return None
     shared = flats.lines.shared_variance(inputs.dark, channel)

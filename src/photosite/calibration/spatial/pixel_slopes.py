@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import Level
+from photosite.calibration.spatial.channel_tables import alike_noise, alike_slopes
 from photosite.engine.frame_sums import MeanFrame
 from photosite.engine.lazy_maps import is_large
 from photosite.engine.map_statistics import Moments, add_scaled, label_moments
+from photosite.sensor.effects.readout_channels import ReadoutChannels
 from photosite.values.uncertain import Uncertain
 
 
@@ -121,11 +123,14 @@ class PixelSlopes:
             self._add_all()
         return self._slopes
 
-    def spreads(self, noise: Sequence[Uncertain]) -> tuple[SlopeSpread, ...]:
-        """Return the statistics of the slopes per channel, given the temporal noise in them (`slope_noise`)."""
-        moments = label_moments(self.slopes, self.tile)
+    def spreads(self, noise: Sequence[Uncertain], readout: ReadoutChannels | None = None) -> tuple[SlopeSpread, ...]:
+        """Return the statistics of the slopes per channel, given the temporal noise in them (`slope_noise`).
+
+        With `readout`, they are those of readout channels that are alike.
+        """
+        moments, factor = label_moments(alike_slopes(self.slopes, readout), self.tile), alike_noise(readout)
         return tuple(
-            SlopeSpread(entry.pixels, entry.mean, excess_variance(entry, left), entry.third)
+            SlopeSpread(entry.pixels, entry.mean, excess_variance(entry, left * factor), entry.third)
             for entry, left in zip(moments, noise, strict=True)
         )
 

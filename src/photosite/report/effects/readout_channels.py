@@ -21,7 +21,7 @@ from photosite.values.uncertain import Measured
 
 def _blocks(calibration: Calibration) -> tuple[Block, ...]:
     """Return gains and offsets of the readout channels, if they differ, and the amplifiers that the files name."""
-    own = _amplifiers(calibration)
+    own = (*_pixels(calibration), *_amplifiers(calibration))
     if (channels := calibration.readout_channels) is None:
         return own
     figure = figure_block(
@@ -32,11 +32,24 @@ def _blocks(calibration: Calibration) -> tuple[Block, ...]:
     return (figure, readout_channel_table(channels), *own)
 
 
+def _pixels(calibration: Calibration) -> tuple[Block, ...]:
+    """Return a table of DSNU, PRNU and DCNU with and without the differences between readout channels."""
+    if not (pixels := calibration.pixel_nonuniformity):
+        return ()
+    rows = tuple(
+        (f"{shown.label} ({shown.unit})", format_estimate(getattr(calibration, name)), format_estimate(entry))
+        for name, entry in pixels.items()
+        if entry.value is not None and (shown := parameter_label(name))
+    )
+    titles = columns("Parameter", numeric("All pixels together"), numeric("Within readout channels"))
+    return (Table("Nonuniformity with and without the differences between readout channels", titles, rows),)
+
+
 def _amplifiers(calibration: Calibration) -> tuple[Block, ...]:
     """Return a table of the amplifiers, each calibrated by itself."""
     if not calibration.amplifiers:
         return ()
-    shown = ("system_gain_dn_per_e", "read_noise_e", "black_level_dn", "saturation_dn")
+    shown = (*("system_gain_dn_per_e", "read_noise_e", "black_level_dn", "saturation_dn"), "dsnu_e", "prnu_percent")
     labels = [parameter_label(name) for name in shown]
     rows = tuple(
         (
