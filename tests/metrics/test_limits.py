@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -36,13 +37,14 @@ def test_every_part_and_missing_measurements() -> None:
     edge = virtual_edge(np.random.default_rng(1)).electrons
     picture = np.stack([edge] * 3, axis=-1) / edge.max() / 1.1
     limits = Limits((Limit.parse("edge-sfr.mtf50 >= 0.01"), Limit.parse("noise.snr_18_db >= 20")))
-    judged = limits.judge([measure(picture, "slanted-edge")])
-    assert [(part, verdict) for _, part, _, verdict in judged.rows] == [
+    judged = limits.judge(measure(picture, "slanted-edge"))
+    assert [(row.part, row.verdict) for row in judged.rows] == [
         *((part, "pass") for part in "RGBY"),
         ("", "missing"),
     ]
     assert not judged.passed
-    assert Limits(limits.limits[:1]).judge([measure(picture, "slanted-edge")]).passed
+    assert pickle.loads(pickle.dumps(judged)).to_dict() == judged.to_dict()
+    assert Limits(limits.limits[:1]).judge(measure(picture, "slanted-edge")).passed
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,13 @@ import zlib
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from photosite.errors import FileError
+from photosite.metrics.measurement import FieldMap
 from photosite.report.calibration import calibration_page
+from photosite.report.figures.measurement import map_figure
 from photosite.report.page import (
     Column,
     Details,
@@ -24,6 +27,9 @@ from photosite.report.page import (
     Subheading,
     Table,
     Terms,
+    Tile,
+    Tiles,
+    figure_block,
 )
 from photosite.report.pdf import pdf_bytes
 from photosite.report.write import write_report
@@ -167,3 +173,26 @@ def test_suffix_selects_the_format_and_writing_is_atomic(
 
 def _full_disk(*args: object) -> int:
     raise OSError(28, "No space left on device")
+
+
+def test_pictures_within_figures_are_upright(caplog: pytest.LogCaptureFixture) -> None:
+    """Matplotlib turns the pictures in an SVG upside down by a transform, which fpdf2 ignores."""
+    values = np.zeros((6, 8))
+    values[0] = 1.0  # a bright row on top
+    figure = map_figure(FieldMap("", "level", np.arange(6.0), np.arange(8.0), values))
+    pdf = pdf_bytes(Page("Map", "", (Section("One", (figure_block(figure, "map", "caption"),)),)))
+    assert not [record for record in caplog.records if "transform" in record.getMessage()]
+    (pixels,) = (
+        body.partition(b"\nstream\n")[2]
+        for body in objects(pdf).values()
+        if b"/Subtype /Image" in body and int(re.search(rb"/Width (\d+)", body)[1]) > 100  # not the color bar
+    )
+    assert sum(pixels[1:4]) > 2 * sum(pixels[-3:]), "bright on top"
+
+
+def test_the_overview_is_a_page_of_its_own() -> None:
+    overview = (Tiles((Tile("MTF50 ≥ 0.3", "fail", "0.28", "fail"),)),)
+    first, second = text_of(pdf_bytes(Page("Title", "Lead.", (Section("One", (Paragraph("read"),)),), "", overview)))
+    assert "MTF50 ≥ 0.3 fail 0.28" in first
+    assert "One" not in first
+    assert "One read" in second

@@ -129,10 +129,10 @@ def command(
         if not paths or len(given["charts"]) != 1:
             raise click.UsageError("expected FRAMES and one --chart, --photographs, --camera, or --list")
         found = _measured(paths, given)
+    judged = None if limits is None else limits.judge(found)
     if report is not None:
         with working("writing the report"):
-            found.report(report)
-    judged = None if limits is None else limits.judge(found.qualities)
+            (found if judged is None else judged).report(report)
     content = found.to_dict() if judged is None else found.to_dict() | {"verdicts": judged.to_dict()}
 
     def text() -> str:

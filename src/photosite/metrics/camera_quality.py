@@ -31,11 +31,6 @@ class CameraQuality(Tabular, Diagnosed, Reported):
         """Diagnostics of all charts."""
         return tuple(entry for quality in self.charts.values() for entry in quality.diagnostics)
 
-    @property
-    def qualities(self) -> tuple[ImageQuality, ...]:
-        """The results of each chart."""
-        return tuple(self.charts.values())
-
     def to_dict(self) -> dict[str, Any]:
         """Return everything, for JSON."""
         return {"name": self.name, "charts": {name: quality.to_dict() for name, quality in self.charts.items()}}

@@ -11,7 +11,6 @@ limits:
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -21,11 +20,12 @@ from pydantic import Field
 
 from photosite.errors import InputError
 from photosite.files.yaml import check_version, line_of, read_yaml, validated
+from photosite.metrics.camera_quality import CameraQuality
 from photosite.metrics.measure import ImageQuality
 from photosite.metrics.measurement import Result
 from photosite.metrics.registry import ValueName
 from photosite.values.estimate import Estimate
-from photosite.values.shown import ResultTable, Shown, Tabular
+from photosite.values.shown import Reported, ResultTable, Shown, Tabular
 from photosite.values.validated import Section
 
 VERSION_KEY = "photosite_limits"
@@ -91,41 +91,56 @@ class Limit(Shown):
         return "pass" if all(inside) else "undecided" if any(inside) else "fail"
 
 
+@dataclass(frozen=True)
+class Judgment(Shown):
+    """The verdict on a value, with the name of its chart or photograph."""
+
+    limit: Limit
+    chart: str
+    part: str
+    estimate: Estimate
+    verdict: Verdict
+
+
 @dataclass(frozen=True, eq=False)
-class Judged(Tabular):
-    """The verdicts on image quality.
+class Judged(Tabular, Reported):
+    """The verdicts on image quality; the report is that of the image quality, with the verdicts on its first page.
 
     Parameters
     ----------
     name
         Of the limits.
     rows
-        Limit, part, estimate and verdict of each value.
+        The verdict on each value.
+    quality
+        The image quality.
     """
 
     name: str
-    rows: tuple[tuple[Limit, str, Estimate, Verdict], ...]
+    rows: tuple[Judgment, ...]
+    quality: ImageQuality | CameraQuality
 
     @property
     def passed(self) -> bool:
         """Whether every value passes; an undecided or missing one does not."""
-        return all(verdict == "pass" for *_, verdict in self.rows)
+        return all(row.verdict == "pass" for row in self.rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, for JSON."""
         rows = [
-            {"limit": limit.text, "part": part, "verdict": verdict} | estimate.to_dict()
-            for limit, part, estimate, verdict in self.rows
+            {"limit": row.limit.text, "chart": row.chart, "part": row.part, "verdict": row.verdict}
+            | row.estimate.to_dict()
+            for row in self.rows
         ]
         return {"name": self.name, "passed": self.passed, "limits": rows}
 
     def _table(self) -> ResultTable:
         rows = []
-        for limit, part, estimate, verdict in self.rows:
-            low, high = estimate.interval_95 or (None, None)
-            rows.append((limit.text, part, estimate.shown_value, low, high, verdict))
+        for row in self.rows:
+            low, high = row.estimate.interval_95 or (None, None)
+            rows.append((row.limit.text, row.chart, row.part, row.estimate.shown_value, low, high, row.verdict))
         title = f"{self.name}: {'pass' if self.passed else 'no pass'}"
-        return ResultTable(title, ("limit", "part", "value", "lower 95 %", "upper 95 %", "verdict"), rows)
+        return ResultTable(title, ("limit", "chart", "part", "value", "lower 95 %", "upper 95 %", "verdict"), rows)
 
 
 class _File(Section):
@@ -153,21 +168,27 @@ class Limits(Shown):
     guard: Guard = "interval"
     name: str = "limits"
 
-    def judge(self, qualities: Sequence[ImageQuality]) -> Judged:
+    def judge(self, found: ImageQuality | CameraQuality) -> Judged:
         """Return the verdicts on the results of one or more charts; values that were not measured are missing."""
+        charts = found.charts if isinstance(found, CameraQuality) else {found.chart.name: found}
         rows = []
         for limit in self.limits:
             name = limit.name
-            results = [found for quality in qualities if (found := quality.results.get(name.measurement)) is not None]
+            results = {
+                chart: each.results[id] for chart, each in charts.items() if (id := name.measurement) in each.results
+            }
             matching = [
-                pair for found in results if isinstance(found, Result) for pair in name.among(found.values).items()
+                (chart, *pair)
+                for chart, result in results.items()
+                if isinstance(result, Result)
+                for pair in name.among(result.values).items()
             ]
             if not matching:
-                reasons = [found.reason for found in results if not isinstance(found, Result)]
+                reasons = [result.reason for result in results.values() if not isinstance(result, Result)]
                 missing = Estimate(reason=reasons[0] if reasons else "it was not measured")
-                matching = [(name.part or "", missing)]
-            rows += [(limit, part, each, limit.verdict(each, self.guard)) for part, each in matching]
-        return Judged(self.name, tuple(rows))
+                matching = [("", name.part or "", missing)]
+            rows += [Judgment(limit, *each, limit.verdict(each[-1], self.guard)) for each in matching]
+        return Judged(self.name, tuple(rows), found)
 
 
 def load_limits(path: str | PathLike[str]) -> Limits:

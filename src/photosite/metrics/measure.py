@@ -83,11 +83,6 @@ class ImageQuality(Tabular, Diagnosed, Reported):
             },
         }
 
-    @property
-    def qualities(self) -> tuple[ImageQuality, ...]:
-        """These results, as those of one chart."""
-        return (self,)
-
     def with_results(self, other: ImageQuality) -> ImageQuality:
         """Return these results and those of other frames of the chart; image and chart are these."""
         return replace(self, results={**self.results, **other.results})

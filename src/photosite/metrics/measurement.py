@@ -65,6 +65,10 @@ class Curve(Shown):
         (n,) of `y`; None where it is not known.
     joined
         Whether the values are those of one curve; if not, they are drawn as points.
+    ends
+        What the first and the last point are, for curves that are differences.
+    color
+        Color to draw it in, such as "#735244"; None: by its part or place.
     """
 
     part: str
@@ -74,6 +78,8 @@ class Curve(Shown):
     y: Array
     standard_uncertainty: Array | None = None
     joined: bool = True
+    ends: tuple[str, str] | None = None
+    color: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields, for JSON; values that are not finite are None."""
@@ -133,6 +139,8 @@ class Result(Tabular, Diagnosed):
         patches.
     measurement
         The entry of the registry; set by the registry.
+    options
+        Options of the measurement that were given; set by the registry.
 
     Examples
     --------
@@ -147,6 +155,7 @@ class Result(Tabular, Diagnosed):
     diagnostics: tuple[Diagnostic, ...] = ()
     outlines: tuple[Array, ...] = ()
     measurement: Measurement | None = field(default=None, repr=False)
+    options: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __getitem__(self, name: str | tuple[str, str]) -> Estimate:
         """Return an estimate by quantity and part; the part may be left out where there is one.
@@ -194,6 +203,7 @@ class Result(Tabular, Diagnosed):
         ]
         about = {} if self.measurement is None else self.measurement.about
         return about | {
+            "options": dict(self.options),
             "values": values,
             "curves": [curve.to_dict() for curve in self.curves],
             "maps": [each.to_dict() for each in self.maps],
@@ -243,6 +253,10 @@ class Measurement:
     view
         What a simulated frame must show: the "middle" of the field at a usual number of pixels; the middle with "fine"
         cells, for responses; or the whole "field".
+    headline
+        Quantities that the first page of a report shows.
+    figure
+        Figure that the first page shows: the first "curves", the first "map", or none.
     """
 
     title: str
@@ -254,6 +268,8 @@ class Measurement:
     left_out: str = ""
     order: int = 0
     view: View = "middle"
+    headline: tuple[str, ...] = ()
+    figure: Literal["curves", "map", ""] = ""
     id: str = ""
 
     @cached_property
@@ -266,6 +282,9 @@ class Measurement:
             if entry.kind is entry.KEYWORD_ONLY
         }
         return create_model(f"{self.id} options", __base__=Validated, **own)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "options"}  # its class is made here
 
     @property
     def about(self) -> dict[str, Any]:
@@ -286,7 +305,8 @@ class Measurement:
         values = self.options(**options)
         given = {name: getattr(values, name) for name in type(values).model_fields}
         key = self.measure, chart, repr(given)  # another measurement may be made of the same result
-        return replace(image.shared(key, lambda: self.measure(image, chart, **given)), measurement=self)
+        result = image.shared(key, lambda: self.measure(image, chart, **given))
+        return replace(result, measurement=self, options=values.given())
 
 
 Measured = Result | Missing

@@ -9,7 +9,7 @@ import base64
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,6 +149,45 @@ class Images:
     kind: ClassVar[str] = "images"
 
 
+State = Literal["", "pass", "undecided", "fail", "missing"]
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A value to be seen at a glance, with a label above and a note below; `anchor` is that of its section."""
+
+    label: str
+    text: str
+    note: str = ""
+    state: State = ""
+    anchor: str = ""
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Values side by side."""
+
+    tiles: tuple[Tile, ...]
+    kind: ClassVar[str] = "tiles"
+
+
+@dataclass(frozen=True)
+class Card:
+    """An image with its title, a caption, and the anchor of its section."""
+
+    image: Image
+    caption: str = ""
+    anchor: str = ""
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Small images in rows."""
+
+    cards: tuple[Card, ...]
+    kind: ClassVar[str] = "gallery"
+
+
 @dataclass(frozen=True)
 class Details:
     """Blocks folded under a summary line."""
@@ -158,7 +197,7 @@ class Details:
     kind: ClassVar[str] = "details"
 
 
-Block = Paragraph | Subheading | Terms | Notice | Listing | Table | Images | Details
+Block = Paragraph | Subheading | Terms | Notice | Listing | Table | Images | Tiles | Gallery | Details
 
 
 @dataclass(frozen=True)
@@ -170,25 +209,33 @@ class Section:
 
     @property
     def anchor(self) -> str:
-        """Name of the section in links.
+        """Name of the section in links."""
+        return anchor_of(self.title)
 
-        Examples
-        --------
-        >>> Section("Noise & color", ()).anchor
-        'noise-color'
-        """
-        words = "".join(letter if letter.isalnum() else " " for letter in self.title.lower()).split()
-        return "-".join(words)
+
+def anchor_of(title: str) -> str:
+    """Return the name of a section in links.
+
+    Examples
+    --------
+    >>> anchor_of("Noise & color")
+    'noise-color'
+    """
+    return "-".join("".join(letter if letter.isalnum() else " " for letter in title.lower()).split())
 
 
 @dataclass(frozen=True)
 class Page:
-    """A page: title, one or two sentences below it, sections (empty ones are omitted), and a last line."""
+    """A page: title, one or two sentences below it, sections (empty ones are omitted), and a last line.
+
+    The overview is a first page of its own: what to look at before the sections are read.
+    """
 
     title: str
     lead: str
     sections: Sequence[Section]
     footer: str = ""
+    overview: tuple[Block, ...] = ()
 
 
 def figure_block(figure: Figure, alternative: str, caption: str) -> Images:

@@ -17,6 +17,7 @@ _PAGES = {
     "GainSeries": "gain_series.gain_series_page",
     "ImageQuality": "image_quality.image_quality_page",
     "CameraQuality": "image_quality.camera_quality_page",
+    "Judged": "image_quality.judged_page",
     "SettingsCalibration": "settings.settings_page",
 }
 """Module of `photosite.report` and function, by the name of the result's type."""

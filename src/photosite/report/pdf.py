@@ -6,12 +6,13 @@ fonts are matplotlib's DejaVu, of which the used letters are embedded.
 
 from __future__ import annotations
 
+import base64
 import io
 import logging
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import matplotlib
 from fpdf import FPDF
@@ -22,7 +23,9 @@ from PIL import Image as Picture
 from photosite.files.writing import date_of_files
 from photosite.report.page import (
     Block,
+    Card,
     Details,
+    Gallery,
     Heading,
     Image,
     Images,
@@ -34,20 +37,28 @@ from photosite.report.page import (
     Subheading,
     Table,
     Terms,
+    Tile,
+    Tiles,
     beside_name,
 )
+
+_Item = TypeVar("_Item")
 
 _TEXT, _SMALL, _TINY = 9.5, 8.0, 6.5  # sizes of letters, in points
 _LINE = 1.35  # line height, in font sizes
 _MM_PER_POINT = 25.4 / 72.0
 
 _INK, _QUIET, _ACCENT, _ALARM = (31, 35, 40), (89, 99, 110), (0, 114, 178), (213, 94, 0)
+_STATES = {"pass": (0, 120, 90), "undecided": (138, 90, 0), "fail": _ALARM, "missing": _QUIET}
 _TINT, _ALARM_TINT, _RULE = (246, 248, 250), (255, 246, 240), (216, 222, 228)
 
 # Widths in mm.
 _DRAWING_MM = 124.0  # of a figure; two fit on a page
 _GAP = 4.0  # between images side by side
 _PADDING = 3.4  # horizontal padding of a cell, both sides together
+
+_TILES, _FEW_CARDS = 4, 6
+"""Tiles in a row; images up to which two are in a row, of more three."""
 
 _NARROW, _WIDE = 14.0, 62.0
 """Bounds of what a column of a table asks for at least, in mm: a long word, and a sentence that may be broken."""
@@ -66,6 +77,8 @@ def pdf_bytes(page: Page, stem: str = "report") -> bytes:
     b'%PDF-'
     """
     document = _Document(page, stem)
+    if page.overview:
+        document.overview(page.overview)
     for section in page.sections:
         if section.blocks:
             document.section(section)
@@ -98,6 +111,13 @@ class _Document(FPDF):
         self.set_y(-13)
         self._look(_SMALL, color=_QUIET)
         self.cell(0, 5, f"{self._page.title}   ·   page {self.page_no()}", align="R")
+
+    def overview(self, blocks: Sequence[Block]) -> None:
+        """Write the overview, and begin a new page."""
+        self.start_section("Overview")
+        for block in blocks:
+            self._block(block)
+        self.add_page()
 
     def section(self, section: Section) -> None:
         """Write a section, with its heading in the outline."""
@@ -144,6 +164,10 @@ class _Document(FPDF):
                 self._table(block)
             case Images():
                 self._images(block)
+            case Tiles(tiles):
+                self._tiles(tiles)
+            case Gallery(cards):
+                self._gallery(cards)
             case Details(summary, blocks):
                 self._room(25)
                 self._write(summary, style="B", above=1.5)
@@ -217,9 +241,62 @@ class _Document(FPDF):
         self.set_draw_color(0)  # the default color of SVG elements; fpdf2 would use the current color
         self.set_fill_color(0)
         for image, left in zip(block.images, lefts, strict=True):
-            self.image(io.BytesIO(image.content), x=left, y=top, w=width, alt_text=image.alternative)
+            self.image(_readable(image), x=left, y=top, w=width, alt_text=image.alternative)
         self.set_y(top + max(_height_over_width(image) for image in block.images) * width + 1)
         self._write(block.caption, size=_SMALL, color=_QUIET, below=4)
+
+    def _tiles(self, tiles: Sequence[Tile]) -> None:
+        width = (self.epw - _GAP * (_TILES - 1)) / _TILES
+        for row in _in_rows(tiles, _TILES):
+            texts = [((tile.label, _TINY, ""), (tile.text, 10.5, "B"), (tile.note, _TINY, "")) for tile in row]
+            height = max(sum(self._height(*line, width - 4) for line in lines) for lines in texts) + 2
+            self._room(height)
+            top = self.get_y()
+            for number, (tile, lines) in enumerate(zip(row, texts, strict=True)):
+                left = self.l_margin + number * (width + _GAP)
+                color = _STATES.get(tile.state, _INK)
+                self.set_fill_color(*_TINT)
+                self.rect(left, top, width, height, style="F")
+                self.set_fill_color(*(_STATES.get(tile.state, _RULE)))
+                self.rect(left, top, 0.9, height, style="F")
+                self.set_y(top + 1)
+                for (text, size, style), shade in zip(lines, (_QUIET, color, _QUIET), strict=True):
+                    self._look(size, style, shade)
+                    self.set_x(left + 3)
+                    self.multi_cell(width - 4, _LINE * size * _MM_PER_POINT, text, align="L", new_y="NEXT")
+            self.set_y(top + height + 2)
+        self.set_fill_color(0)
+
+    def _height(self, text: str, size: float, style: str, width: float) -> float:
+        """Return the height of a text that is wrapped to a width, in mm."""
+        self._look(size, style)
+        line = _LINE * size * _MM_PER_POINT
+        height = self.multi_cell(width, line, text, dry_run=True, output="HEIGHT") if text else 0.0
+        assert isinstance(height, float | int)
+        return float(height)
+
+    def _gallery(self, cards: Sequence[Card]) -> None:
+        across = 2 if len(cards) <= _FEW_CARDS else 3
+        width = (self.epw - _GAP * (across - 1)) / across
+        for row in _in_rows(cards, across):
+            titles = max(self._height(card.image.title, _SMALL, "B", width) for card in row)
+            captions = max(self._height(card.caption, _SMALL, "", width) for card in row)
+            tallest = max(_height_over_width(card.image) for card in row) * width
+            self._room(titles + tallest + captions + 3)
+            top = self.get_y()
+            for number, card in enumerate(row):
+                left = self.l_margin + number * (width + _GAP)
+                line = _LINE * _SMALL * _MM_PER_POINT
+                self._look(_SMALL, "B")
+                self.set_xy(left, top)
+                self.multi_cell(width, line, card.image.title, align="L")
+                self.set_draw_color(0)
+                self.set_fill_color(0)
+                self.image(_readable(card.image), x=left, y=top + titles, w=width, alt_text=card.image.alternative)
+                self._look(_SMALL, color=_QUIET)
+                self.set_xy(left, top + titles + tallest)
+                self.multi_cell(width, line, card.caption, align="L")
+            self.set_y(top + titles + tallest + captions + 3)
 
     def _table(self, table: Table) -> None:
         self._room(30)
@@ -273,6 +350,34 @@ class _Document(FPDF):
 
     def _widest(self, texts: Sequence[str]) -> float:
         return max(map(self.get_string_width, texts)) + _PADDING
+
+
+def _in_rows(items: Sequence[_Item], across: int) -> list[Sequence[_Item]]:
+    """Return items in rows.
+
+    Examples
+    --------
+    >>> _in_rows("abcde", 2)
+    ['ab', 'cd', 'e']
+    """
+    return [items[start : start + across] for start in range(0, len(items), across)]
+
+
+def _readable(image: Image) -> io.BytesIO:
+    """Return an image as fpdf2 reads it: without the transform that turns the pictures of matplotlib upside down."""
+
+    def turned(found: re.Match[bytes]) -> bytes:
+        with Picture.open(io.BytesIO(base64.b64decode(found[2]))) as picture:
+            stream = io.BytesIO()
+            picture.transpose(Picture.Transpose.FLIP_TOP_BOTTOM).save(stream, format="PNG")
+        return found[1] + base64.b64encode(stream.getvalue()) + found[3] + found[4] + b'y="%.6f"' % -float(found[5])
+
+    return io.BytesIO(_TURNED.sub(turned, image.content))
+
+
+_TURNED = re.compile(
+    rb'(<image xlink:href="data:image/png;base64,)([^"]+)("[^>]*?)transform="scale[^"]*"([^>]*?)y="([-.0-9]+)"'
+)
 
 
 def _height_over_width(image: Image) -> float:

@@ -99,4 +99,5 @@ MEASUREMENT = Measurement(
     oracle="illuminants by definition; colour-science on its own tables of lamps",
     left_out="The light is the one that is stated for the chart; frames do not show its spectrum.",
     order=320,
+    headline=("cct_k",),
 )

@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from photosite.color.colorimetry import XYZ_FROM_SRGB, colour_science, delta_e_76, delta_e_94, delta_e_2000, lab
+from photosite.color.colorimetry import (
+    SRGB_FROM_XYZ,
+    XYZ_FROM_SRGB,
+    colour_science,
+    delta_e_76,
+    delta_e_94,
+    delta_e_2000,
+    encode_srgb,
+    lab,
+)
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.color.color_matrices import best_strength, fitted_xyz, white_balance_matrix
@@ -175,14 +184,16 @@ def _signed(values: Array) -> Estimate:
 def _curves(colors: PatchColors, found: dict[str, Array], shown: str) -> tuple[Curve, ...]:
     number = np.arange(1.0, len(colors.names) + 1.0)
     curves = []
+    true, seen = lab(colors.reference_xyz), lab(found[shown][0])
+    shades = np.rint(255.0 * encode_srgb((colors.reference_xyz @ SRGB_FROM_XYZ.T).astype(np.float32))).astype(int)
+    for i, name in enumerate(colors.names):
+        a, b = np.column_stack([true[i, 1:], seen[i, 1:]])
+        color = "#" + "".join(f"{code:02x}" for code in shades[i])
+        curves.append(Curve(name, "a*", "b*", a, b, ends=("chart", "image"), color=color))
     for part, xyz in found.items():
         difference = delta_e_2000(np.broadcast_to(colors.reference_xyz, xyz.shape), xyz)
         spread = difference[1:].std(axis=0)
         curves.append(Curve(part, "patch, in the order of the chart", "CIEDE2000", number, difference[0], spread))
-    true, seen = lab(colors.reference_xyz), lab(found[shown][0])
-    for i, name in enumerate(colors.names):
-        a, b = np.column_stack([true[i, 1:], seen[i, 1:]])
-        curves.append(Curve(name, "a*", "from color of the chart to that of the image, b*", a, b))
     return tuple(curves)
 
 
@@ -218,4 +229,6 @@ MEASUREMENT = Measurement(
         "fits best in XYZ; no white balance or matrix of a developer is applied."
     ),
     order=300,
+    headline=("delta_e_2000_mean", "delta_e_2000_max", "white_balance_error"),
+    figure="curves",
 )

@@ -48,13 +48,16 @@ def _measure(image: ChartImage, chart: PlacedChart, *, illuminant: str = "D55", 
     differences = setup.differences(sensitivity, best)
     values["delta_e_76_max", ""] = Estimate(float(differences.max()))
     number = np.arange(1.0, _CHROMATIC_PATCHES + 1.0)
-    curves = [Curve("", "patch, in the order of the chart", "CIE 1976 difference, best matrix", number, differences)]
+    curves = []
     bars = color_matching_functions(_GRID_NM)
     fit = projector(sensitivity) @ bars.T
     for name, bar, fitted in zip("xyz", bars, fit.T, strict=True):
-        axes = "wavelength (nm)", "color-matching functions and their best fit"
+        axes = "wavelength (nm)", "color matching and its fit"
         curves.append(Curve(f"{name} bar", *axes, _GRID_NM, bar))
         curves.append(Curve(f"{name} bar, fit", *axes, _GRID_NM, fitted))
+    curves.append(
+        Curve("", "patch, in the order of the chart", "CIE 1976 difference, best matrix", number, differences)
+    )
     return Result(values, tuple(curves))
 
 
@@ -192,4 +195,6 @@ MEASUREMENT = Measurement(
         "published descriptions, reflectances from colour-science. Sensitivities are those of the sensor alone."
     ),
     order=310,
+    headline=("smi",),
+    figure="curves",
 )

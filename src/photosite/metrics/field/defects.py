@@ -168,4 +168,5 @@ MEASUREMENT = Measurement(
     ),
     order=310,
     view="field",
+    headline=("bright_pixels", "dark_pixels"),
 )

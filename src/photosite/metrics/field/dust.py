@@ -146,4 +146,5 @@ MEASUREMENT = Measurement(
     ),
     order=315,
     view="field",
+    headline=("spots",),
 )

@@ -226,4 +226,6 @@ MEASUREMENT = Measurement(
     ),
     order=300,
     view="field",
+    headline=("shading_percent", "color_shading_percent"),
+    figure="map",
 )

@@ -197,4 +197,6 @@ MEASUREMENT = Measurement(
     ),
     order=320,
     view="field",
+    headline=("distortion_percent", "tv_distortion_percent"),
+    figure="curves",
 )

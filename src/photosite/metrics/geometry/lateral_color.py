@@ -112,4 +112,6 @@ MEASUREMENT = Measurement(
     ),
     order=330,
     view="field",
+    headline=("displacement_px",),
+    figure="curves",
 )

@@ -189,4 +189,6 @@ MEASUREMENT = Measurement(
         "probability of `detected` is a choice."
     ),
     order=400,
+    headline=("dynamic_range_db",),
+    figure="curves",
 )

@@ -149,4 +149,6 @@ MEASUREMENT = Measurement(
     ),
     order=430,
     view="field",
+    headline=("modulation",),
+    figure="curves",
 )

@@ -124,4 +124,5 @@ MEASUREMENT = Measurement(
     left_out="The noise is taken as white; noise-reduction raises the result without adding information.",
     order=410,
     view="fine",
+    headline=("capacity",),
 )

@@ -250,4 +250,6 @@ MEASUREMENT = Measurement(
     ),
     order=420,
     view="fine",
+    headline=("snr_disc",),
+    figure="curves",
 )

@@ -214,4 +214,6 @@ MEASUREMENT = Measurement(
     ),
     order=450,
     view="middle",
+    headline=("skew", "exposure_ms"),
+    figure="curves",
 )

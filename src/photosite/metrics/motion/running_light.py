@@ -163,4 +163,6 @@ MEASUREMENT = Measurement(
         "shorter than the light's round; lit lamps are at least three."
     ),
     order=455,
+    headline=("exposure_ms", "line_time_us"),
+    figure="curves",
 )

@@ -257,4 +257,6 @@ MEASUREMENT = Measurement(
     ),
     order=100,
     view="fine",
+    headline=("mtf50", "overshoot_percent"),
+    figure="curves",
 )

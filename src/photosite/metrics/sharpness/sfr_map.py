@@ -232,4 +232,6 @@ MEASUREMENT = Measurement(
     left_out="One channel: green, luma or the option `channel`. `edge-sfr` gives the curve of one edge.",
     order=105,
     view="field",
+    headline=("mtf50", "corner_ratio"),
+    figure="map",
 )

@@ -247,4 +247,6 @@ MEASUREMENT = Measurement(
     left_out="Linearization by the gray patches beside the star: frames are proportional to light, or sRGB.",
     order=110,
     view="fine",
+    headline=("mtf50",),
+    figure="curves",
 )

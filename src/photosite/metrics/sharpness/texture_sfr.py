@@ -184,4 +184,6 @@ MEASUREMENT = Measurement(
     ),
     order=120,
     view="fine",
+    headline=("mtf50_cross",),
+    figure="curves",
 )

@@ -145,4 +145,6 @@ MEASUREMENT = Measurement(
     ),
     order=340,
     view="field",
+    headline=("flare_percent",),
+    figure="map",
 )

@@ -162,4 +162,6 @@ MEASUREMENT = Measurement(
     ),
     order=345,
     view="field",
+    headline=("ghost_percent",),
+    figure="map",
 )

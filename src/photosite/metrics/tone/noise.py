@@ -210,4 +210,6 @@ MEASUREMENT = Measurement(
         "difference of the editions."
     ),
     order=20,
+    headline=("snr_18_db", "dynamic_range_db"),
+    figure="curves",
 )

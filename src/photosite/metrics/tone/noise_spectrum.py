@@ -171,4 +171,6 @@ MEASUREMENT = Measurement(
         "samples of a channel, up to their Nyquist frequency. Noise is that of the signal, not of the log of exposure."
     ),
     order=25,
+    headline=("high_over_low",),
+    figure="curves",
 )

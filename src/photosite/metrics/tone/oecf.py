@@ -114,4 +114,6 @@ MEASUREMENT = Measurement(
     oracle="signal of simulated patches; exponents put in",
     left_out="Flare between patches is not removed; patches alternate in brightness least on hdr-patches.",
     order=10,
+    headline=("exponent",),
+    figure="curves",
 )

@@ -86,4 +86,5 @@ MEASUREMENT = Measurement(
         "index is a statement of the maker, not a measurement."
     ),
     order=30,
+    headline=("saturation",),
 )

@@ -159,4 +159,5 @@ MEASUREMENT = Measurement(
     ),
     order=400,
     view="fine",
+    headline=("acutance",),
 )

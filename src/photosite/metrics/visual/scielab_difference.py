@@ -159,4 +159,6 @@ MEASUREMENT = Measurement(
         "the chart's colors."
     ),
     order=415,
+    headline=("mean",),
+    figure="map",
 )

@@ -242,4 +242,6 @@ MEASUREMENT = Measurement(
         "pixel as it is viewed, and the distance."
     ),
     order=410,
+    headline=("visual_noise_2013",),
+    figure="curves",
 )

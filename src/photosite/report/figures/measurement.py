@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from textwrap import fill
+from typing import TypeVar
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from photosite.metrics.measurement import Curve, FieldMap, Result
 from photosite.report.style import (
+    BLACK,
+    GRAY,
     channel_style,
     draw_band,
     label_log_ticks,
@@ -18,12 +24,19 @@ from photosite.report.style import (
 )
 from photosite.values.uncertain import COVERAGE_95
 
+_Drawn = TypeVar("_Drawn", Curve, FieldMap)
+
 _CHANNELS = ("R", "G", "B", "Y", "M")
 _MARKERS = "os^vDP"
 _SHORT_NAME = 10
 """Characters of names of which six fit side by side."""
 _MOST_NAMED = 12
 """Curves up to which a legend names each."""
+_SMALL_IN = (3.6, 2.7)
+_MOST_SMALL = 6
+"""Curves up to which a small figure shows all."""
+_LABEL = 28
+"""Characters in a line of the label of a small figure's axis."""
 
 
 def figures_of(result: Result) -> dict[tuple[str, str], list[Curve]]:
@@ -39,6 +52,9 @@ def draw_curves_of(axes: Axes, curves: list[Curve]) -> Axes:
     for position, curve in enumerate(curves):
         is_channel = curve.part in _CHANNELS
         color, _, line = channel_style(curve.part, position) if is_channel else line_style(position)
+        if curve.ends is not None:
+            _draw_difference(axes, curve, curve.color or color, named=position == 0)
+            continue
         if not curve.joined:
             spread = None if curve.standard_uncertainty is None else COVERAGE_95 * curve.standard_uncertainty
             form = _MARKERS[position % len(_MARKERS)]
@@ -57,6 +73,14 @@ def draw_curves_of(axes: Axes, curves: list[Curve]) -> Axes:
         axes.set(ylabel=curves[0].y_label.removeprefix("log "), yscale="log")
         label_log_ticks(axes.yaxis)
     return axes
+
+
+def _draw_difference(axes: Axes, curve: Curve, color: str, *, named: bool) -> None:
+    """Draw a line from a filled point to a hollow one; the first curve names both in the legend."""
+    first, last = curve.ends if named and curve.ends is not None else (None, None)
+    axes.plot(curve.x, curve.y, color=GRAY, linewidth=0.8)
+    axes.plot(curve.x[:1], curve.y[:1], "o", color=color, markeredgecolor=GRAY, markersize=5, label=first)
+    axes.plot(curve.x[-1:], curve.y[-1:], "x", color=BLACK, markersize=4, label=last)
 
 
 def draw_map(axes: Axes, found: FieldMap) -> Axes:
@@ -78,15 +102,18 @@ def draw_map(axes: Axes, found: FieldMap) -> Axes:
 @styled()
 def curve_figures(result: Result) -> list[Figure]:
     """Return a figure for each pair of axes."""
-    figures = []
-    for curves in figures_of(result).values():
-        figure, axes = new_figure(3.4)
-        draw_curves_of(axes, curves)
-        if 1 < len(curves) <= _MOST_NAMED:
-            longest = max(len(curve.part) for curve in curves)
-            legend_above(figure, columns=6 if longest < _SHORT_NAME else 3)
-        figures.append(figure)
-    return figures
+    return [_curve_figure(curves, new_figure(3.4)) for curves in figures_of(result).values()]
+
+
+def _curve_figure(curves: list[Curve], new: tuple[Figure, Axes], columns: int = 6) -> Figure:
+    figure, axes = new
+    draw_curves_of(axes, curves)
+    if curves[0].ends is not None:
+        legend_above(figure)
+    elif 1 < len(curves) <= _MOST_NAMED:
+        longest = max(len(curve.part) for curve in curves)
+        legend_above(figure, columns=columns if longest < _SHORT_NAME else columns // 2)
+    return figure
 
 
 @styled()
@@ -95,3 +122,44 @@ def map_figure(found: FieldMap) -> Figure:
     figure, axes = new_figure(4.0)
     draw_map(axes, found)
     return figure
+
+
+@styled()
+def small_figure(result: Result, channel: str) -> Figure | None:
+    """Return the figure of the first page of a report, of one channel where there are many curves; None without one."""
+    kind = "" if result.measurement is None else result.measurement.figure
+    figure = Figure(figsize=_SMALL_IN)
+    if kind == "map" and result.maps:
+        draw_map(figure.subplots(), of_channel(result.maps, channel)[0])
+    elif kind == "curves" and result.curves:
+        curves = next(iter(figures_of(result).values()))
+        named = len(curves) <= _MOST_SMALL or curves[0].ends is not None
+        curves = curves if named else list(of_channel(curves, channel))
+        axes = figure.subplots()
+        _curve_figure(curves, (figure, axes), columns=4)
+        if axes.get_yscale() == "linear" and (shown := _certain(curves)) is not None:
+            axes.set_ylim(*shown)
+    else:
+        return None
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        axis.set_label_text(fill(axis.get_label_text(), _LABEL))
+    return figure
+
+
+def _certain(curves: list[Curve]) -> tuple[float, float] | None:
+    """Return limits of an axis that leave out values hidden by noise; None where these are few, or most."""
+    y = np.concatenate([curve.y for curve in curves])
+    spreads = [np.zeros_like(curve.y) if (u := curve.standard_uncertainty) is None else u for curve in curves]
+    certain = y[np.isfinite(y) & (np.concatenate(spreads) < _CERTAIN * np.nanmax(np.abs(y)))]
+    if not y.size / 2 < certain.size < y.size:
+        return None
+    margin = 0.1 * float(np.ptp(certain))
+    return float(certain.min()) - margin, float(certain.max()) + margin
+
+
+_CERTAIN = 0.1
+
+
+def of_channel(found: Sequence[_Drawn], channel: str) -> Sequence[_Drawn]:
+    """Return the curves or maps of a channel, or all if none is."""
+    return [each for each in found if each.part.partition(", ")[0] == channel] or found
