@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
 from photosite.color.spectrum import Spectrum, energy_from_photons
 from photosite.errors import InputError
+from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.camera_quality import CameraQuality
 from photosite.metrics.chart_image import ChartImage, chart_image
-from photosite.metrics.charts.placed_chart import PlacedChart, placed_chart
+from photosite.metrics.charts.placed_chart import PlacedChart, filling_chart
 from photosite.metrics.measure import ImageQuality, measure
 from photosite.metrics.measurement import Result, View
 from photosite.metrics.registry import ValueName, charts_measured, measurement, measurements
@@ -23,7 +26,7 @@ from photosite.scene.scene_request import OF_ANY_SIZE, SceneRequest, chart_optio
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 
-_MIDDLE_PX, _FINE_PX = (900, 1200), (400, 400)
+VIEWED_PX: Mapping[View, tuple[int, int]] = {"middle": (900, 1200), "fine": (400, 400)}
 """Largest frames of views that do not need the whole field."""
 _FINE_CELLS = 5
 _MOST_FIELD_PX = 16_000_000
@@ -96,6 +99,7 @@ def measure_camera(
             raise InputError("charts", value=chart, expected=f"one of {', '.join(known)}")
     for key in (*only, *(options or {})):
         measurement(key)  # an unknown one is an error that says so
+    conditions = conditions or ChartConditions()
     found: dict[str, ImageQuality] = {}
     for chart in charts or known:
         chosen = {
@@ -108,7 +112,8 @@ def measure_camera(
             if on_progress is not None:
                 on_progress(f"{chart}: simulating")
             try:
-                image, placed = _simulated(camera, chart, view, conditions or ChartConditions())
+                seen = seen_chart(camera, chart, view, conditions)
+                image, placed = seen.image(seen.frames(conditions.frames, conditions.seed)), seen.placed
             except InputError as error:
                 if charts or error.where != chart:
                     raise
@@ -207,8 +212,66 @@ def compared_quality(
     }
 
 
-def _simulated(camera: Camera, chart: str, view: View, conditions: ChartConditions) -> tuple[ChartImage, PlacedChart]:
-    """Return frames of a chart that fills them, as an image, and the chart in it."""
+@dataclass(frozen=True, eq=False)
+class SeenChart(Shown):
+    """A chart that fills the frame of a camera.
+
+    Parameters
+    ----------
+    camera
+        The camera, with the rows and columns that are simulated.
+    chart, options, scene
+        Built-in scene by name, its own options, and the scene.
+    mean_electrons, exposure_s
+        Of the frames.
+    """
+
+    camera: Camera
+    chart: str
+    options: Mapping[str, Any]
+    scene: Scene
+    mean_electrons: NDArray[np.float32]
+    exposure_s: float
+
+    def frames(self, count: int, seed: int) -> list[RawFrame]:
+        """Return frames with independent temporal noise."""
+        return [
+            self.camera.expose(self.mean_electrons, self.exposure_s, seed=seed, frame=number, scene=self.scene)
+            for number in range(count)
+        ]
+
+    def image(self, frames: Sequence[RawFrame] = ()) -> ChartImage:
+        """Return frames as an image; mean electrons without frames."""
+        given: Any = list(frames) or self.mean_electrons
+        return chart_image(given, sensor=self.camera.sensor)
+
+    @cached_property
+    def placed(self) -> PlacedChart:
+        """The chart in the frames."""
+        shape = self.mean_electrons.shape
+        return filling_chart(self.chart, self.scene, (shape[0], shape[1]), self.options, known_light=True)
+
+
+def seen_chart(
+    camera: Camera,
+    chart: str,
+    view: View,
+    conditions: ChartConditions,
+    *,
+    shape: tuple[int, int] | None = None,
+    distance_m: float | None = None,
+) -> SeenChart:
+    """Return a chart that fills the frame of a camera.
+
+    Parameters
+    ----------
+    camera, chart, view, conditions
+        The camera; the built-in scene; what the frame must show; light and exposure time of the chart.
+    shape
+        Rows and columns of the middle of the frame that the chart fills, at most; None: those of the view.
+    distance_m
+        From the lens to the chart; None: that of built-in scenes.
+    """
     array = camera.sensor.array
     rows, cols = array.rows, array.cols
     cells = camera.cells_per_pixel
@@ -221,7 +284,7 @@ def _simulated(camera: Camera, chart: str, view: View, conditions: ChartConditio
                 expected = f"at most {_MOST_FIELD_CELLS // cells**2} for {cells} x {cells} cells in each"
                 raise InputError("pixels of the field", where=chart, value=rows * cols, expected=expected)
     else:
-        most = _MIDDLE_PX if view == "middle" else _FINE_PX
+        most = shape or VIEWED_PX[view]
         tile = len(array.cfa), len(array.cfa[0])
         sizes = zip((rows, cols), most, tile, strict=True)
         rows, cols = (min(size, limit) // step * step for size, limit, step in sizes)
@@ -233,20 +296,12 @@ def _simulated(camera: Camera, chart: str, view: View, conditions: ChartConditio
         options = {"rows": rows * cells, "cols": cols * cells}
         if "supersampling" in known:  # a texture whose finest details are those of the pixels
             options |= {"supersampling": 2, "smallest_radius": float(cells)}
-    illuminant, luminance = conditions.illuminant, conditions.luminance_cd_m2
-    scene = SceneRequest(chart, {"illuminant": illuminant, "mean_luminance_cd_m2": luminance, **options}).scene()
+    light = {"illuminant": conditions.illuminant, "mean_luminance_cd_m2": conditions.luminance_cd_m2}
+    place = {} if distance_m is None else {"distance_m": distance_m}
+    scene = SceneRequest(chart, {**light, **place, **options}).scene()
     time_s = (
         seen.auto_exposure_s(seen.mean_electrons(scene, 1.0))
         if conditions.exposure_s is None
         else conditions.exposure_s
     )
-    mean = seen.mean_electrons(scene, time_s)
-    given: Any = mean
-    if conditions.frames:
-        given = [
-            seen.expose(mean, time_s, seed=conditions.seed, frame=number, scene=scene)
-            for number in range(conditions.frames)
-        ]
-    image = chart_image(given, sensor=seen.sensor)
-    placed = placed_chart(image, chart, illuminant=illuminant, luminance_cd_m2=luminance, options=options)
-    return image, placed
+    return SeenChart(seen, chart, options, scene, seen.mean_electrons(scene, time_s), time_s)

@@ -193,7 +193,7 @@ def placed_chart(
     if detect:
         corners = _detected(image, chart, scene, own)
     if corners is None:
-        return _filling(image, PlacedChart(chart, scene, _NOWHERE, (), "fills the frame", image.shape, known, own))
+        return filling_chart(chart, scene, image.shape, own, known_light=known)
     if not detect:  # the border of a chart that is found may be outside the image
         check_corners(corners, image.shape)
     patches: tuple[Patch, ...] = ()
@@ -219,13 +219,21 @@ def _rectangle(view: Homography, region: Region) -> Region:
     return Region(region.name, r0, r1, c0, c1)
 
 
-_NOWHERE: Corners = ((0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0))
+def filling_chart(
+    name: str, scene: Scene, shape: tuple[int, int], options: Mapping[str, Any], *, known_light: bool = False
+) -> PlacedChart:
+    """Return a chart where a camera places a scene that fills the frame; patches outside the frame are left out.
 
-
-def _filling(image: ChartImage, chart: PlacedChart) -> PlacedChart:
-    """Return the chart where a camera places a scene that fills the frame; patches outside the frame are left out."""
-    scene = chart.scene
-    where = place(scene.shape, image.shape, content=field_size(scene))
+    Parameters
+    ----------
+    name, scene, options
+        Built-in scene, and the options that differ from its defaults.
+    shape
+        (rows, cols) of the frame.
+    known_light
+        Whether the luminance of the scene is that of the chart.
+    """
+    where = place(scene.shape, shape, content=field_size(scene))
     a, b, c, d = (
         ((row - where.row_start) / where.row_step, (col - where.col_start) / where.col_step)
         for row, col in _scene_corners(scene)
@@ -235,7 +243,9 @@ def _filling(image: ChartImage, chart: PlacedChart) -> PlacedChart:
         with suppress(InputError):
             (patches[region],) = where.regions([region])
     seen = replace(scene, regions=tuple(patches))
-    return replace(chart, scene=seen, corners=(a, b, c, d), patches=tuple(patches.values()))
+    own = chart_options(name) | dict(options)
+    corners, found = (a, b, c, d), tuple(patches.values())
+    return PlacedChart(name, seen, corners, found, "fills the frame", shape, known_light, own)
 
 
 def _detected(image: ChartImage, chart: str, scene: Scene, options: Mapping[str, Any]) -> Corners:
