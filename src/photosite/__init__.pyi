@@ -50,6 +50,7 @@ from .sensor.io.sensor_file import load_sensor as load_sensor
 from .sensor.io.sensor_file import preset_names as preset_names
 from .sensor.model import Sensor as Sensor
 from .studies.chart_spectral import read_chart as read_chart
+from .studies.measurement_planning import plan_measurement as plan_measurement
 from .validation.validate import validate as validate
 from .values.diagnostic import Diagnostic as Diagnostic
 from .values.region import Region as Region

@@ -17,7 +17,8 @@ def commands() -> set[str]:
     for name in COMMANDS:
         command = load_command(name)
         subcommands = command.commands if isinstance(command, click.Group) else ()
-        found |= {f"{name} {inner}" for inner in subcommands} or {name}
+        found |= {f"{name} {inner}" for inner in subcommands}
+        found |= {name} if command.params or not subcommands else set()  # a group with options works by itself
     return found
 
 

@@ -72,3 +72,43 @@ def test_wrong_calls_are_one_line(photosite: Any, arguments: list[str], said: st
     wrong = photosite("plan", *arguments)
     assert (wrong.status, wrong.out, wrong.err.count("\n")) == (2, "", 1)
     assert said in wrong.err
+
+
+@pytest.mark.smoke("plan measure")
+def test_plan_of_a_measurement(photosite: Any, tmp_path: Any) -> None:
+    file = tmp_path / "mine.camera.yaml"
+    sensor = photosite("sensors", "export", "nikon-d200", "-o", str(tmp_path / "small.sensor.yaml"))
+    assert sensor.status == 0
+    text = (tmp_path / "small.sensor.yaml").read_text()
+    text = text.replace("rows: 2592", "rows: 264").replace("cols: 3872", "cols: 392")
+    (tmp_path / "small.sensor.yaml").write_text(text)
+    file.write_text("photosite_camera: 1\nsensor: small.sensor.yaml\noptics: {f_number: 8, focal_length_mm: 50}\n")
+    wants = ("--want", "noise.snr_18_db.G=0.4dB", "--want", "noise.snr_18_db.G=0.001")
+    done = photosite("plan", "measure", "--camera", str(file), "--chart", "macbeth", *wants, "--json")
+    reached, unreached = done.json["plans"]
+    assert reached["best"]["half_width"] <= 0.4
+    assert reached["best"]["chart"] == "macbeth"
+    assert "macbeth" in reached["measured_on"]
+    assert unreached["best"] is None
+    assert "no number of frames reaches it" in unreached["advice"]
+    shown = photosite("plan", "measure", "--camera", str(file), "--chart", "macbeth", *wants)
+    assert f"take {reached['best']['frames']} frame" in shown.out
+    assert unreached["advice"] in shown.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["measure"], "--want"),
+        (["measure", "--want", "mtf50.center=0.01"], "as in edge-sfr.mtf50"),
+        (["measure", "--want", "noise.snr_18_db=0.2m"], "in dB"),
+        (["measure", "--want", "noise.snr_18_db=0.2", "--chart", "slanted-edge"], "--chart must be one of macbeth"),
+        (["measure", "--want", "edge-sfr.mtf50.G=1", "--camera", "x.yaml", "--f-number", "2"], "--f-number"),
+        (["--rows", "20", "measure", "--want", "edge-sfr.mtf50.G=1"], "--rows before 'measure'"),
+        (["shoot"], "no command 'plan shoot'"),
+    ],
+)
+def test_wrong_calls_of_measurements_are_one_line(photosite: Any, arguments: list[str], said: str) -> None:
+    wrong = photosite("plan", *arguments)
+    assert (wrong.status, wrong.out, wrong.err.count("\n")) == (2, "", 1)
+    assert said in wrong.err

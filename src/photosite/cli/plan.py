@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from photosite.cli import options
-from photosite.cli.command import Command
-from photosite.cli.output import show, table
+from photosite.cli.command import Group, OptionSpelling
+from photosite.cli.output import say, show, table, tabular, working
 
 if TYPE_CHECKING:
+    from photosite.camera.camera import Camera
     from photosite.frames.frame_settings import Kind
     from photosite.sensor.model import Sensor
+    from photosite.studies.measurement_planning import MeasurementPlan
     from photosite.studies.planning import Plan
     from photosite.studies.protocol import ShootingProtocol
 
 _NAMED = ("paper-d200",)
 
 
-@click.command("plan", cls=Command)
+@click.group("plan", cls=Group, invoke_without_command=True)
 @options.virtual_sensor_options
 @click.option(
     "--want",
@@ -49,7 +52,10 @@ _NAMED = ("paper-d200",)
     *("--longest-dark", "longest_dark"), default="5", text="Longest exposure time of a dark frame in s."
 )
 @options.json_option
+@click.pass_context
 def command(
+    ctx: click.Context,
+    /,
     wants: tuple[str, ...],
     protocol: str | None,
     steps: tuple[str, ...],
@@ -66,8 +72,28 @@ def command(
     is simulated: the uncertainty propagation of the calibration is applied to the expected signals. A real setup adds
     its own variation.
 
+    `photosite plan measure` plans a measurement of image quality.
+
     Example: photosite plan --rows 1000 --cols 1500 --want prnu_percent=2% --want system_gain_dn_per_e=0.5%
     """
+    if ctx.invoked_subcommand is not None:
+        if own := [name for name in ctx.params if options.is_given(ctx, name)]:
+            option = OptionSpelling(ctx.command).name(own[0])
+            raise click.UsageError(f"{option} before 'measure' plans a calibration; omit it, or give it after", ctx)
+        return
+    with working(ctx.command_path):
+        _plan_calibration(wants, protocol, steps, illuminant, photons, as_json, given)
+
+
+def _plan_calibration(
+    wants: tuple[str, ...],
+    protocol: str | None,
+    steps: tuple[str, ...],
+    illuminant: str,
+    photons: bool,
+    as_json: bool,
+    given: dict[str, Any],
+) -> None:
     from photosite.studies.planning import Design, Want, plan_frames, plan_protocol
     from photosite.studies.virtual_lab import virtual_lab
 
@@ -142,3 +168,105 @@ def _text(plan: Plan, sensor: Sensor, note: str) -> str:
         number = format_number(uncertainty, 2)
         rows.append((shown.label, expected, number, relative, shown.unit, name, wanted.get(name, "")))
     return "\n\n".join(["\n".join(lines), table(groups, ">><"), table(rows, "<>>><<<")])
+
+
+@command.command("measure")
+@click.option(
+    "--want",
+    "wants",
+    multiple=True,
+    required=True,
+    metavar="VALUE=X",
+    help="Half width of the 95 % interval to reach, in the unit of the value (edge-sfr.mtf50.G=0.01, "
+    "noise.snr_18_db=0.2dB) or relative (2%); without a part (.G), for every part; repeatable.",
+)
+@click.option(
+    *("--camera", "camera_file"),
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Camera file.  [default: --sensor behind --f-number and --focal-length]",
+)
+@options.sensor_option("nikon-d200")
+@options.lens_options()
+@click.option(
+    "--chart", "charts", multiple=True, metavar="NAME", help="Chart to plan with; may be repeated.  [default: all]"
+)
+@options.quantity("--width", "width_mm", unit="MM", default=200.0, text="Width of the chart in mm.")
+@options.option(
+    "--illuminant", default="D65", metavar="NAME|FILE", help=f"Light of the chart: {options.ILLUMINANT_HELP}"
+)
+@options.quantity("--luminance", "luminance_cd_m2", unit="CD/M2", default=200.0, text="Mean luminance of the chart.")
+@options.exposure_option(text="Exposure time.  [default: just below saturation]")
+@click.option(
+    *("--set", "settings"),
+    type=options.name_and_value,
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="An option of the measurement, such as order=1; may be repeated.",
+)
+@options.seed_option()
+@options.json_option
+@click.pass_context
+def measure(
+    ctx: click.Context,
+    /,
+    wants: tuple[str, ...],
+    charts: tuple[str, ...],
+    width_mm: float,
+    settings: tuple[tuple[str, Any], ...],
+    as_json: bool,
+    **given: Any,
+) -> None:
+    """Find chart, distance, exposure and frames with which a value of image quality reaches a 95 % interval.
+
+    Charts are simulated with the camera in several sizes, and measured. The part of the interval that more frames do
+    not reduce (fixed pattern, the chart's size) is stated apart. `photosite measure --list --json` lists the values.
+
+    Example: photosite plan measure --want edge-sfr.mtf50.G=0.02 --width 300
+    """
+    from photosite.studies.measurement_planning import Planner
+    from photosite.studies.simulated_charts import ChartConditions
+
+    light = {name: given[name] for name in ("seed", "illuminant", "luminance_cd_m2", "exposure_s")}
+    planner = Planner(_camera(ctx, given), ChartConditions(**light), width_mm, say)
+    plans = [planner.plan(want, charts, dict(settings)) for want in wants]
+    content = {"plans": [plan.to_dict() for plan in plans]}
+    show(as_json, content, lambda: "\n\n".join(map(_measurement_text, plans)))
+
+
+def _camera(ctx: click.Context, given: dict[str, Any]) -> Camera:
+    from photosite.camera.camera import Camera
+    from photosite.camera.file import load_camera
+    from photosite.optics.diffraction import DiffractionLimited
+    from photosite.sensor.io.sensor_file import load_sensor
+
+    if given["camera_file"] is not None:
+        options.not_for("a camera file", "sensor_name", "f_number", "focal_length_mm")
+        return load_camera(given["camera_file"]).camera
+    lens = DiffractionLimited(f_number=given["f_number"], focal_length_mm=given["focal_length_mm"])
+    return Camera(lens, load_sensor(given["sensor_name"]))
+
+
+def _measurement_text(plan: MeasurementPlan) -> str:
+    from photosite.report.numbers import format_number
+    from photosite.values.exposure import format_exposure
+
+    title = f"{plan.want.name} to {plan.want.text} (half width of the 95 % interval)"
+    lines = [f"{title}: measured on {', '.join(plan.measured_on)}"]
+    best, farthest = plan.best, plan.farthest
+    if best is None or farthest is None:
+        return "\n\n".join(["\n".join([*lines, plan.advice]), tabular(plan)])
+    more = ", extrapolated" if best.extrapolated else ""
+    frames = f"{best.frames} frame{'' if best.frames == 1 else 's'}{more}"
+    lines += [
+        f"take {frames} of {best.chart}, {plan.width_mm:g} mm wide and {best.cols} pixels across",
+        f"distance: {format_number(best.distance_m, 3)} m (magnification {best.magnification:.3g}); "
+        + f"up to {format_number(farthest.distance_m, 3)} m, {farthest.cols} pixels across, with "
+        f"{farthest.frames} frame{'' if farthest.frames == 1 else 's'}",
+        f"light: {plan.luminance_cd_m2:g} cd/m2 and {format_exposure(best.exposure_s)} s, the brightest parts at "
+        f"{best.signal_percent:.0f} % of saturation",
+        f"expected: {best.value:.4g} ±{best.half_width:.2g}, of which ±{best.systematic:.2g} remains with any number",
+    ]
+    if best.print_dpi is not None:
+        lines.append(f"print the chart with {math.ceil(best.print_dpi / 10) * 10} dots per inch or more")
+    return "\n\n".join(["\n".join(lines), tabular(plan)])

@@ -15,6 +15,8 @@ from photosite.values.estimate import Estimate
 from photosite.values.registry import registered
 
 PACKAGE = "photosite.metrics"
+_MOST_NAMES = 4
+"""Names of values in a message."""
 
 
 @cache
@@ -75,6 +77,8 @@ class ValueName:
         """
         name, _, rest = text.strip().partition(".")
         quantity, dot, part = rest.partition(".")
+        if name not in measurements() and (owners := _with_quantity(name)):
+            raise InputError("measurement", value=name, expected=f"given first, as in {', '.join(owners)}")
         known = measurement(name).quantities
         if quantity not in known:
             raise InputError("quantity", where=name, value=quantity, expected=f"one of {', '.join(known)}")
@@ -90,6 +94,16 @@ class ValueName:
             for (quantity, part), estimate in values.items()
             if quantity == self.quantity and self.part in (None, part)
         }
+
+
+def _with_quantity(name: str) -> list[str]:
+    """Return names of values whose quantity has a name, or continues it."""
+    return [
+        f"{id}.{quantity}"
+        for id, entry in measurements().items()
+        for quantity in entry.quantities
+        if quantity == name or quantity.startswith(f"{name}_")
+    ][:_MOST_NAMES]
 
 
 def charts_measured() -> tuple[str, ...]:
