@@ -33,4 +33,4 @@ def test_a_singlet(photosite: Any, tmp_path: Path) -> None:
     assert done.json["focal_length_mm"] == pytest.approx(100, rel=1e-9)
     assert [row["field_deg"] for row in done.json["fields"]] == [0, 5]
     assert ps.load_optics(output).base.f_number == pytest.approx(8, rel=1e-9)
-    assert "Distortion and relative illumination" in page.read_text()
+    assert "Distortion, relative to f tan(angle), and relative illumination" in page.read_text()

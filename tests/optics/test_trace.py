@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from raising import raises
 from scipy.special import j0, j1
 
 import photosite as ps
-from photosite.errors import FileError, InputError
+from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.optics.io.prescription import read_prescription
 from photosite.optics.lens_design import LensDesign
 from photosite.optics.trace import TracedLens, trace_lens
@@ -255,6 +256,70 @@ def test_zemax_files(tmp_path: Path, changed: dict[str, str], what: str) -> None
         trace_lens(file)
     assert what in caught.value.what
     assert [path.name for path in tmp_path.iterdir()] == ["lens.zmx"]  # the library writes a template of glasses
+
+
+SEQ = """RDM;LEN
+TITLE 'one'
+EPD 10
+DIM M
+WL 550
+REF 1
+WTW 1
+YAN 0
+SO 0 1e11
+S 50 5 {glass}
+ STO
+S 0 90
+SI 0 0
+GO
+"""
+ONLINE = "https://refractiveindex.info/database/data/main/CaF2/nk/Li.yml"
+
+
+@needs_rayoptics
+@pytest.mark.parametrize(
+    ("suffix", "glass", "named"),
+    [
+        (".zmx", f"{ONLINE} 0 0 1.43 95", ONLINE),
+        (".seq", f"{ONLINE}_rindexinfo", ONLINE),
+        (".seq", "NOSUCHGLASS99", "NOSUCHGLASS99"),
+        (".seq", "PMMA_SPECIAL", "PMMA"),
+        (".csv", f"{ONLINE} rindexinfo", ONLINE[:40]),
+        (".csv", "prices.yml rindexinfo", "prices.yml rindexinfo"),
+        (".csv", "N-BK7 Nosuch", "N-BK7 Nosuch"),
+    ],
+)
+def test_glasses_are_those_of_local_catalogues(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, glass: str, named: str
+) -> None:
+    """No socket is opened, and the error names the glass."""
+    opened = []
+    for name in ("socket", "create_connection", "getaddrinfo"):
+        monkeypatch.setattr(socket, name, lambda *given, **_: opened.append(given))
+    file = tmp_path / f"lens{suffix}"
+    if suffix == ".csv":
+        table(tmp_path, f"50, 4, {glass}, 10, 0, 1\ninf, 90, , 10, 0, 0\n")
+    elif suffix == ".zmx":
+        content = ZMX.format(name="one", glass=glass, object="INFINITY")
+        file.write_text(content.replace("MODE SEQ", "MODE SEQ\nGCAT rindexinfo"))
+    else:
+        file.write_text(SEQ.format(glass=glass))
+    with pytest.raises(FileError) as caught:
+        read_prescription(file)
+    assert "in no catalogue" in caught.value.what
+    assert named in caught.value.what
+    assert not opened
+
+
+@needs_rayoptics
+def test_glasses_of_a_sequence_and_replaced_ones(tmp_path: Path) -> None:
+    """The glass of another maker is traced with a warning."""
+    file = tmp_path / "lens.seq"
+    file.write_text(SEQ.format(glass="NBK7_SCHOTT"))
+    assert read_prescription(file).model["seq_model"].gaps[1].medium.name() == "N-BK7"
+    file.write_text(SEQ.format(glass="X-SK16_SCHOTT"))
+    with pytest.warns(PhotositeWarning, match="X-SK16 is in no catalogue; N-SK16 of Schott is traced"):
+        read_prescription(file)
 
 
 @needs_rayoptics

@@ -28,7 +28,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from photosite.errors import FileError, message_of
+from photosite.errors import FileError, PhotositeWarning, message_of, printable
 from photosite.files.small_files import read_small
 from photosite.files.text_table import TextTable, parse_number, read_table
 from photosite.values.shown import Shown
@@ -69,7 +69,7 @@ def read_prescription(path: Path) -> Prescription:
         raise FileError(path, "suffix", value=suffix, expected=f"of a prescription: {', '.join(SUFFIXES)}")
     read_small(path, "a lens prescription", _LARGEST_BYTES)
     # Beside a file, the library writes templates for unknown glasses, and evaluates a .smx file as Python.
-    with _quiet(path), TemporaryDirectory() as folder:
+    with _quiet(path), _local_catalogues(), TemporaryDirectory() as folder:
         copy = Path(folder, path.name)
         shutil.copyfile(path, copy)
         if suffix == ".zmx":
@@ -103,22 +103,54 @@ def _quiet(path: Path) -> Iterator[None]:
         hint = "Run pip install '.[lenses]' in the clone"
         raise FileError(path, "tracing a lens needs rayoptics, which is missing", hint=hint) from None
     except Exception as error:  # the library's readers raise many types for a damaged file
-        if type(error).__module__.startswith("requests"):
-            what = "has a glass that rayoptics asks refractiveindex.info for, which does not answer"
-            raise FileError(path, what, hint=_OTHER_GLASS) from None
         raise FileError(path, f"cannot be read as a lens prescription: {message_of(error)}") from None
     finally:
         logging.disable(level)
 
 
+@contextmanager
+def _local_catalogues() -> Iterator[None]:
+    """Look glasses up in the catalogues on disk only: the library asks refractiveindex.info for `rindexinfo`."""
+    from opticalglass import glassfactory
+    from opticalglass.glasserror import GlassError, GlassNotFoundError
+
+    original = glassfactory.create_glass
+
+    def create_glass(*names: Any) -> Any:
+        name, catalogue = names if len(names) == 2 else names[0].split(",")
+        online = catalogue.strip() == _ONLINE if isinstance(catalogue, str) else _ONLINE in catalogue
+        try:
+            if online:
+                raise GlassNotFoundError(catalogue, name)
+            return original(name, catalogue)
+        except GlassError:  # for an unknown catalogue, the library's readers expect no error
+            raise GlassNotFoundError(catalogue, name) from None
+
+    glassfactory.create_glass = create_glass
+    try:
+        yield
+    finally:
+        glassfactory.create_glass = original
+
+
+_ONLINE = "rindexinfo"
+
+
 def _check(path: Path, model: Any, info: Any) -> None:
-    """Raise `FileError` for what was not understood, or is not traced."""
+    """Raise `FileError` for what was not understood, or is not traced; warn of glasses that were replaced."""
     if model is None or len(model["seq_model"].ifcs) < 3:
         raise FileError(path, "is not a lens prescription: it has no surfaces")
-    content, glasses = info if isinstance(info, tuple) and len(info) == 2 else ({}, {})
-    if content.get("glass not found"):
-        named = ", ".join(sorted(name for name, found in glasses.items() if not isinstance(found, tuple)))
+    _, glasses = info if isinstance(info, tuple) and len(info) == 2 else ({}, {})
+    # The reader of .seq files keeps glasses of the file itself as not found.
+    used = {str(gap.medium.name()) for gap in model["seq_model"].gaps}
+    unknown = [name for name, found in glasses.items() if not isinstance(found, tuple) and f"not {name}" in used]
+    if unknown:
+        named = ", ".join(printable(name) for name in sorted(unknown))
         raise FileError(path, f"has a glass that is in no catalogue: {named[:80]}", hint=_OTHER_GLASS)
+    for name, found in glasses.items():
+        if isinstance(found, tuple) and found[0].casefold() != name.casefold():
+            problem = f"{path}: the glass {name} is in no catalogue; {' of '.join(found)} is traced in its place"
+            warnings.warn(PhotositeWarning(problem), stacklevel=4)
     sequence = model["seq_model"]
     for number, surface in enumerate(sequence.ifcs):
         place = f"surface {number}"
