@@ -8,6 +8,7 @@ from raising import raises
 
 import photosite as ps
 from photosite.errors import FileError
+from photosite.frames.io.fits_amplifiers import eso_amplifiers, numbered_amplifiers
 
 fits = pytest.importorskip("astropy.io.fits")
 CHIP = np.random.default_rng(1).integers(100, 4000, (12, 20))
@@ -49,6 +50,50 @@ KECK = {
     "BSEC2": "[14:16,1:12]",
     "TSEC2": "[11:20,1:12]",
 }
+
+
+CHIRON = {"AMPLIST": "21 22", "DSEC21": "[2:684,1:4112]", "BSEC21": "[685:700,1:4112]", "TSEC21": "[2:684,1:4112]"}
+CHIRON |= {"DSEC22": "[718:1400,1:4112]", "BSEC22": "[701:717,1:4112]", "TSEC22": "[718:1400,1:4112]"}
+ESPADONS = {"DATASEC": "[21:2068,1:4608]", "TRIMSEC": "[21:2068,4:4605]", "AMPLIST": "a,b", "CSECA": "[21:1044,1:4608]"}
+ESPADONS |= {"DSECA": "[21:1044,1:4608]", "BSECA": "[1:20,1:4608]"}
+ESPADONS |= {"DSECB": "[1045:2068,1:4608]", "BSECB": "[2069:2088,1:4608]"}
+DECAM = {"DATASECA": "[1081:2104,51:4146]", "BIASSECA": "[2105:2154,51:4146]"}
+DECAM |= {"DATASECB": "[57:1080,51:4146]", "BIASSECB": "[7:56,51:4146]"}
+LRIS = {
+    "AMPLIST": "2,1,0,0 ",
+    "DSEC1": "[1:4,1:9]",
+    "BSEC1": "[9:10,1:9]",
+    "DSEC2": "[5:8,1:9]",
+    "BSEC2": "[11:12,1:9]",
+}
+
+
+@pytest.mark.parametrize(
+    ("keywords", "size", "expected"),
+    [
+        (CHIRON, (4112, 1400), {"21": "[1:683,1:4112] [685:700,1:4112]", "22": "[684:1366,1:4112] [701:717,1:4112]"}),
+        (ESPADONS, (4608, 2088), {"A": "[1:1024,1:4602] [1:20,4:4605]", "B": "[1025:2048,1:4602] [2069:2088,4:4605]"}),
+        (DECAM, (4146, 2160), {"A": "[1025:2048,1:4096] [2105:2154,51:4146]", "B": "[1:1024,1:4096] [7:56,51:4146]"}),
+        (LRIS, (9, 12), {"2": "[5:8,1:9] [11:12,1:9]", "1": "[1:4,1:9] [9:10,1:9]"}),
+    ],
+    ids=["CTIO", "CFHT", "DECam", "Keck"],
+)
+def test_headers_of_observatories(keywords, size, expected):
+    """Values of raw frames of CHIRON, ESPaDOnS and DECam; a list of amplifiers that ends with zeros."""
+    found = numbered_amplifiers(keywords, size)
+    assert {each.name: f"{each.target} {each.overscan}" for each in found} == expected
+
+
+def test_a_header_of_four_outputs():
+    """Values of raw frames of MUSE: prescan and overscan of 32 lines on each axis of an output."""
+    header = {"ESO DET OUTPUTS": 4}
+    for n, (x, y) in enumerate(((1, 1), (4096, 1), (4096, 4112), (1, 4112)), 1):
+        sizes = {"X": x, "Y": y, "NX": 2048, "NY": 2056} | dict.fromkeys(("PRSCX", "OVSCX", "PRSCY", "OVSCY"), 32)
+        header |= {f"ESO DET OUT{n} {name}": value for name, value in sizes.items()}
+    found = eso_amplifiers(header.get, (4240, 4224))
+    sources = "[33:2080,33:2088]", "[2145:4192,33:2088]", "[2145:4192,2153:4208]", "[33:2080,2153:4208]"
+    assert tuple(str(each.source) for each in found) == sources
+    assert str(found[2].target) == "[2049:4096,2057:4112]"
 
 
 @pytest.mark.parametrize(("keywords", "names"), [(ARCON, ("11", "12")), (KECK, ("1", "2"))])

@@ -61,6 +61,23 @@ def test_amplifiers_of_a_chip_are_joined(tmp_path, binning, keyword, offset):
     np.testing.assert_array_equal(ps.read_raw(path).dn, CHIP)
 
 
+def test_pixels_that_fill_no_bin(tmp_path):
+    """Two halves of 32 columns in bins of three: 10 columns each, as those of 2048 are 682."""
+    halves = ("[1:32,1:36]", CHIP[:, :10]), ("[64:33,1:36]", CHIP[:, :9:-1])
+    units = [(data, f"im{k}", {"DETSEC": place, "CCDSUM": "3 3"}) for k, (place, data) in enumerate(halves)]
+    np.testing.assert_array_equal(ps.read_raw(put(tmp_path / "a.fits", *units)).dn, CHIP)
+
+
+def test_reference_pixels_within_detsec_are_no_light(tmp_path):
+    """The border of each detector of an array, which DETSEC includes, and DATASEC does not."""
+    place = {"DATASEC": "[3:18,3:10]"}
+    units = [(CHIP, f"Q{k + 1}", {"DETSEC": f"[{1 + 20 * k}:{20 + 20 * k},1:12]", **place}) for k in range(2)]
+    put(tmp_path / "a.fits", *units)
+    settings = open_settings(tmp_path)
+    assert [label(each.conditions) for each in settings] == ["part=Q1", "part=Q2"]
+    np.testing.assert_array_equal(ps.read_raw(f"{tmp_path / 'a.fits'}[Q1]").dn, CHIP[2:10, 2:18])
+
+
 def test_stacks_of_amplifiers_are_joined(tmp_path):
     units = [(np.stack([data, data + (data != 7)]), name, keywords) for data, name, keywords in quadrants()]
     put(tmp_path / "a.fits", *units)

@@ -1,8 +1,10 @@
 """Amplifiers whose pixels lie side by side in one FITS image, with the overscan of each between them or at the borders.
 
 - TSECyx, DSECyx, BSECyx, ASECyx: pixels without bad lines, all pixels, overscan and all of amplifier column x in row y,
-  as of CTIO's Arcon and IRAF's quad, or with the number of the amplifier (Keck). AMPLIST names those that were read.
-  Where TSEC is the place in the trimmed image, it lies outside DSEC, and is not needed.
+  as of CTIO's Arcon and IRAF's quad, or with the number (Keck) or letter (CFHT) of the amplifier. AMPLIST names those
+  that were read, filled up with 0. Where TSEC is the place in the trimmed image, it lies outside DSEC, and is not
+  needed. DATASECA, BIASSECA and TRIMSECA are the same (DECam). TRIMSEC holds for all amplifiers where it has pixels of
+  each.
 - ESO DET OUTi: port X, Y on the chip, NX, NY pixels, PRSCX, OVSCX, PRSCY, OVSCY lines before and behind them as they
   are read, from the port inwards. Ports on the right are read from the right, and upper ones from above.
 
@@ -33,7 +35,7 @@ class AmplifierSections:
 
 
 def numbered_amplifiers(header: Mapping[str, Any], size: tuple[int, int]) -> tuple[AmplifierSections, ...]:
-    """Return the amplifiers of TSEC or DSEC, and BSEC with the same number; none if fewer than two are stated.
+    """Return the amplifiers of TSEC or DSEC, and BSEC of the same number or letter; none if fewer than two are stated.
 
     Raises
     ------
@@ -46,20 +48,22 @@ def numbered_amplifiers(header: Mapping[str, Any], size: tuple[int, int]) -> tup
     >>> [(each.name, str(each.target), str(each.overscan)) for each in numbered_amplifiers(header, (4, 20))]
     [('11', '[1:8,1:4]', '[9:10,1:4]'), ('12', '[9:16,1:4]', '[11:12,1:4]')]
     """
-    listed = str(header.get("AMPLIST") or "").replace(",", " ").split()
-    stated = [named[1] for name in header if (named := re.fullmatch(r"[TD]SEC(\d{1,2})", name))]
-    names = listed or sorted(set(stated), key=int)
+    listed = str(header.get("AMPLIST") or "").replace(",", " ").upper().split()
+    stated = {named[1] for name in header if (named := _NUMBERED.fullmatch(name))}
+    names = [name for name in listed if name.strip("0")] or sorted(stated, key=lambda name: (len(name), name))
     if len(names) < 2 or not stated:
         return ()
 
     def section(kind: str, name: str) -> Section | None:
-        text = header.get(f"{kind}SEC{name}")
-        if not isinstance(text, str) or not text.strip():
-            return None
-        try:
-            return parse_section(text, size)
-        except InputError as error:
-            raise InputError(f"{kind}SEC{name}", value=text, expected=error.expected) from None
+        for keyword in (f"{kind}SEC{name}", f"{_LONG[kind]}SEC{name}"):
+            text = header.get(keyword)
+            if not isinstance(text, str) or not text.strip():
+                continue
+            try:
+                return parse_section(text, size)
+            except InputError as error:
+                raise InputError(keyword, value=text, expected=error.expected) from None
+        return None
 
     data = {name: section("D", name) for name in names}
     # The place in a trimmed image may begin anywhere; it says nothing about this image.
@@ -74,7 +78,32 @@ def numbered_amplifiers(header: Mapping[str, Any], size: tuple[int, int]) -> tup
         if overscan is not None and overscan.overlap(source):
             raise InputError(f"BSEC{name}", value=str(overscan), expected=f"outside {source}, the pixels with light")
         found.append((name, Section(source.top, source.bottom, source.left, source.right), overscan))
-    return _placed(found)
+    return _placed(_trimmed(found, header.get("TRIMSEC"), size))
+
+
+_NUMBERED = re.compile(r"(?:[TD]SEC|DATASEC|TRIMSEC)(\d{1,2}|[A-H])")
+_LONG = {"T": "TRIM", "D": "DATA", "B": "BIAS"}
+
+
+def _trimmed(
+    found: list[tuple[str, Section, Section | None]], trim: Any, size: tuple[int, int]
+) -> list[tuple[str, Section, Section | None]]:
+    """Return the amplifiers without the lines outside TRIMSEC, where it lies within them and has pixels of each."""
+    sources = [source for _, source, _ in found]
+    top, left = min(s.top for s in sources), min(s.left for s in sources)
+    whole = Section(top, max(s.bottom for s in sources), left, max(s.right for s in sources))
+    if not _within(trim, whole, size):
+        return found
+    result = []
+    for name, source, overscan in found:
+        if (part := source.overlap(parse_section(trim, size))) is None:
+            return found
+        if overscan is not None and overscan.top <= source.top and overscan.bottom >= source.bottom:
+            overscan = Section(part.top, part.bottom, overscan.left, overscan.right)
+        elif overscan is not None and overscan.left <= source.left and overscan.right >= source.right:
+            overscan = Section(overscan.top, overscan.bottom, part.left, part.right)
+        result.append((name, part, overscan))
+    return result
 
 
 def _within(text: Any, data: Section | None, size: tuple[int, int]) -> bool:

@@ -335,11 +335,30 @@ def _placed(unit: Unit, keyword: str) -> tuple[Section, Section] | None:
     stated = (unit.keywords.text("CCDSUM") or "").split()
     columns, rows = map(int, stated) if len(stated) == 2 and all(map(str.isdecimal, stated)) else (1, 1)
     parts = [unit.keywords.section(name, unit.size) for name in ("TRIMSEC", "DATASEC")]
-    for high, wide in {(rows, columns): None, (1, 1): None}:  # binned pixels are counted by some programs
-        target = Section(
-            place.top // high, place.bottom // high, place.left // wide, place.right // wide, place.flipped
-        )
+    for binning in {(rows, columns): None, (1, 1): None}:  # binned pixels are counted by some programs
         for source in (*parts, Section(0, unit.size[0], 0, unit.size[1])):
-            if source is not None and source.shape == target.shape:
-                return source, target
+            if source is not None and (target := _binned(place, binning, source.shape)) is not None:
+                light = unit.light if source.shape == unit.size else source
+                return light, _part_of(target, source, light)
     return None
+
+
+def _binned(place: Section, binning: tuple[int, int], shape: tuple[int, int]) -> Section | None:
+    """Return the place of (rows, cols) binned pixels, or None if it is larger or smaller.
+
+    A chip may have pixels that fill no bin: 2048 columns are 682 bins of 3 and 2 columns more.
+    """
+    begin = []
+    for first, length, step, count in zip((place.top, place.left), place.shape, binning, shape, strict=True):
+        if abs(count - length / step) >= 1.0:
+            return None
+        begin.append(first // step if count * step <= length else -(-first // step))
+    return Section(begin[0], begin[0] + shape[0], begin[1], begin[1] + shape[1], place.flipped)
+
+
+def _part_of(target: Section, source: Section, light: Section) -> Section:
+    """Return the place of the pixels with light, which are all or some of those of `source`."""
+    upside_down, mirrored = target.flipped
+    top = target.top + (source.bottom - light.bottom if upside_down else light.top - source.top)
+    left = target.left + (source.right - light.right if mirrored else light.left - source.left)
+    return Section(top, top + light.shape[0], left, left + light.shape[1], target.flipped)
