@@ -6,14 +6,14 @@ import struct
 
 import numpy as np
 import pytest
-from dng_builder import LONG, hand_made_dng
+from dng_builder import LONG, SHORT, hand_made_dng
 from raising import raises
 
 import photosite as ps
 from photosite.errors import FileError, InputError
 from photosite.frames.io.camera_raw import check_filled, check_size
 from photosite.frames.io.formats import read_headers
-from photosite.frames.io.headerless import guessed_layouts
+from photosite.frames.io.headerless import EXAMPLE, guessed_layouts
 from photosite.frames.io.protocol import read_protocol, write_protocol
 from photosite.frames.layout import parse_layout
 from photosite.values.cfa import cfa_from
@@ -142,6 +142,11 @@ def test_a_size_that_does_not_fit_and_the_guess(tmp_path):
         ps.read_raw(tmp_path / "dark_1s.raw")
     with raises(FileError, "the folder has no frames", arguments={"layout": "640x480,uint16"}):
         ps.open_frames(tmp_path)
+    (tmp_path / "dark_1s.raw").write_bytes(bytes(641 * 479 * 2))  # a size of no usual camera
+    with raises(FileError, "the file is not a frame, or a headerless one", arguments={"layout": EXAMPLE}):
+        ps.read_raw(tmp_path / "dark_1s.raw")
+    with raises(FileError, "the folder has no frames", arguments={"layout": EXAMPLE}):
+        ps.open_frames(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -212,6 +217,20 @@ def test_truncated_camera_files_are_refused(tmp_path, suffix, kept):
     for read in (ps.read_raw, read_headers):
         with raises(FileError, what):
             read(path)
+
+
+@pytest.mark.filterwarnings("ignore:.*black levels differ")
+def test_cut_lossless_jpeg_of_a_dng_is_refused(tmp_path):
+    """The strip is as short as its tag says: 22 bytes, of which LibRaw makes a frame of zeros."""
+    dn = np.random.default_rng(3).integers(100, 4000, (400, 300)).astype(np.uint16)
+    packed = pytest.importorskip("imagecodecs").ljpeg_encode(dn, bitspersample=12)
+    path = tmp_path / "dark_1s.dng"
+
+    path.write_bytes(hand_made_dng(dn, raw={259: (SHORT, [7])}, pixels=packed))
+    np.testing.assert_array_equal(ps.read_raw(path).dn, dn)
+    path.write_bytes(hand_made_dng(dn, raw={259: (SHORT, [7])}, pixels=packed[:22]))
+    with raises(FileError, f"is truncated: {path.stat().st_size} bytes cannot hold 400 x 300 pixels"):
+        ps.read_raw(path)
 
 
 class Sizes:

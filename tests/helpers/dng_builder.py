@@ -51,11 +51,14 @@ def ratios(values) -> list[int]:
     return [part for value in values for part in (round(value * 10000), 10000)]
 
 
-def hand_made_dng(dn: np.ndarray, *, order="<", area=None, top=(), raw=(), exif=True) -> bytes:
-    """A preview in the first directory, the 12-bit packed mosaic in a SubIFD, exposure in Exif."""
+def hand_made_dng(dn: np.ndarray, *, order="<", area=None, top=(), raw=(), exif=True, pixels=None) -> bytes:
+    """A preview in the first directory, the 12-bit packed mosaic in a SubIFD, exposure in Exif.
+
+    `pixels` are other bytes of the mosaic than packed ones.
+    """
     file = Tiff(order)
     rows, cols = dn.shape
-    pixels = packed_12_bit(dn)
+    pixels = packed_12_bit(dn) if pixels is None else pixels
     raw_tags = {
         254: (LONG, [0]),
         256: (LONG, [cols]),

@@ -19,6 +19,7 @@ from photosite.frames.from_files import frame_sets_from_files
 from photosite.frames.io.emva_descriptor import looks_like_descriptor, read_descriptor
 from photosite.frames.io.format_table import NAMES, frame_stem, is_frame_name
 from photosite.frames.io.formats import read_headers, select_headers
+from photosite.frames.io.headerless import EXAMPLE as HEADERLESS_EXAMPLE
 from photosite.frames.io.headerless import SUFFIXES as HEADERLESS_SUFFIXES
 from photosite.frames.io.headerless import guess_text
 from photosite.frames.io.protocol import read_protocol
@@ -414,9 +415,12 @@ def _images_in_subfolders(folder: Path, headerless: bool) -> list[Path]:
         hint = f"Its subfolder {listings[0].parent.name} is a separate measurement: open that"
         raise FileError(folder, problem, hint=hint)
     unknown = next((p for p in (*_files(folder), *files) if p.suffix.lower() in HEADERLESS_SUFFIXES), None)
-    if unknown is not None and (guess := guess_text(unknown)):
-        what = f"{problem}; {unknown.name} can be headerless, of the layout {guess}"
-        raise FileError(folder, what, hint="Pass {layout}", arguments={"layout": guess.split(" or ")[0]})
+    if unknown is not None:
+        guess = guess_text(unknown)
+        what = f"{problem}; {unknown.name} can be headerless{f', of the layout {guess}' if guess else ''}"
+        layout = guess.split(" or ")[0] or HEADERLESS_EXAMPLE
+        hint = "Pass {layout}" if guess else "Pass its columns, rows and numbers: {layout}"
+        raise FileError(folder, what, hint=hint, arguments={"layout": layout})
     if subfolders:
         problem += f"; its subfolders ({', '.join(p.name for p in subfolders)}) have none either"
     raise FileError(folder, problem)

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError, PhotositeWarning
 from photosite.frames.covered_lines import line_means
 from photosite.frames.frame_file import FrameHeader, FrameLocation, describe_frame, parse_description
-from photosite.frames.io.camera_raw import open_libraw
+from photosite.frames.io.camera_raw import check_filled, check_size, open_libraw
 from photosite.frames.io.tiff import (
     BITS,
     COMPRESSION,
@@ -339,6 +339,9 @@ def read_whole(path: Path, location: FrameLocation | None = None) -> NDArray[np.
     return np.ascontiguousarray(_all_pixels(path)[0])
 
 
+_LOSSLESS_JPEG = 7
+
+
 def _all_pixels(path: Path) -> tuple[NDArray[np.uint16], Directory]:
     directories = read_directories(path)
     top, raw = directories[0], raw_directory(path, directories)
@@ -346,6 +349,9 @@ def _all_pixels(path: Path) -> tuple[NDArray[np.uint16], Directory]:
         pixels = np.asarray(read_tiff_pixels(path), np.uint16)
     else:
         with open_libraw(path) as decoder:
+            if raw.number(COMPRESSION) == _LOSSLESS_JPEG:  # of which LibRaw fills the missing rest with zeros
+                check_size(path, decoder.sizes)
+                check_filled(path, decoder.raw_image)
             pixels = decoder.raw_image.copy()
     if pixels.shape != _size(raw):
         raise FileError(path, f"the decoded size is {pixels.shape}, that of the tags {_size(raw)}")

@@ -346,10 +346,13 @@ def detect_format(path: Path) -> Format:
         if format.by_suffix and path.suffix.lower() in format.suffixes:
             return format
     hint = f"A raw frame is {NAMES}"
-    if path.suffix.lower() in headerless.SUFFIXES and (guess := headerless.guess_text(path)):
-        arguments = {"layout": guess.split(" or ")[0]}
-        what = f"the file is not a frame, or a headerless one; its size is that of {guess}"
-        raise FileError(path, what, hint="Pass {layout}", arguments=arguments)
+    if path.suffix.lower() in headerless.SUFFIXES:
+        what = "the file is not a frame, or a headerless one"
+        if guess := headerless.guess_text(path):
+            arguments = {"layout": guess.split(" or ")[0]}
+            raise FileError(path, f"{what}; its size is that of {guess}", hint="Pass {layout}", arguments=arguments)
+        hint = f"Pass columns, rows and numbers of a headerless one: {{layout}}. Other frames are {NAMES}"
+        raise FileError(path, what, hint=hint, arguments={"layout": headerless.EXAMPLE})
     raise FileError(path, "the file is not a frame", hint=hint)
 
 

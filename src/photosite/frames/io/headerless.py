@@ -20,6 +20,8 @@ from photosite.frames.layout import PACKED, Layout, parse_layout
 SUFFIXES = (".raw", ".bin", ".dat", ".img", ".data", ".gray", ".bayer", ".y8", ".y10", ".y12", ".y16")
 """Suffixes of headerless files in a folder."""
 
+EXAMPLE = "3280x2464,packed=mipi10"
+
 LAYOUT = "layout:"
 """Beginning of `FrameLocation.part` of a headerless frame; the layout follows."""
 

@@ -98,7 +98,7 @@ def _quiet(path: Path) -> Iterator[None]:
     except FileError:
         raise
     except ImportError as error:
-        if not (error.name or "").startswith("rayoptics"):
+        if not (error.name or "").startswith(("rayoptics", "opticalglass")):
             raise
         hint = "Run pip install '.[lenses]' in the clone"
         raise FileError(path, "tracing a lens needs rayoptics, which is missing", hint=hint) from None
