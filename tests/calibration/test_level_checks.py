@@ -247,6 +247,27 @@ def test_a_stated_black_level_far_from_the_darks(stated, dn, count):
     assert [entry.size for entry in found] == pytest.approx([64.0] * count, abs=0.2)
 
 
+@pytest.mark.parametrize(("times", "dn", "count"), [
+    ((0.1, 0.2), 40.0, 0),
+    ((0.1, 0.2), 64.0, 1),
+    ((0.1, 0.1), 40.0, 0),
+    ((0.1, 0.1), 80.0, 1),
+    ((0.001, 0.001), 40.0, 1),
+])  # fmt: skip
+def test_a_stated_black_level_is_that_without_dark_current(times, dn, count):
+    """24 DN of dark current in the shortest dark frames; in those of one time of 1 ms, other charge."""
+    rng = np.random.default_rng(4)
+
+    def frame(electrons):
+        return np.round(40 + 0.5 * rng.poisson(electrons, (48, 64)) + rng.normal(0, 2, (48, 64))).astype(np.uint16)
+
+    charge = [480 * max(t, 0.1) for t in times]
+    frames = [("dark", t, frame(e)) for t, e in zip(times, charge, strict=True) for _ in range(4)]
+    frames += [("light", t, frame(10_000 * t + e)) for t, e in zip(times, charge, strict=True) for _ in range(4)]
+    found = raised(replace(FrameSet.from_arrays(frames, bits=12), black_level_dn=dn), "stated-black-level")
+    assert len(found) == count
+
+
 @pytest.mark.parametrize(("dn", "count"), [(None, 0), (4095.0, 0), (936.0, 0), (900.0, 1)])
 def test_a_stated_white_level_below_the_flats(stated, dn, count):
     found = raised(replace(stated, white_level_dn=dn), "stated-white-level")

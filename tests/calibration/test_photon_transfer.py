@@ -30,6 +30,7 @@ def levels(signal, shot, *, white_fraction=None, x=None, signal_sigma=1e-3, shot
         shot_covariance=np.diag(np.broadcast_to(shot_sigma, m) ** 2.0),
         noise=shot + 1.0,
         noise_uncertainty=np.zeros(m),  # all uncertainty is in `shot_covariance`
+        noise_rounding=np.zeros(m),
         dark_noise=(),
         dark_fraction=np.zeros((m, 0)),
         mean=signal + 64,

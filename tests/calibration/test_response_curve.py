@@ -56,6 +56,7 @@ def light_levels(rng, shape="2nd power", size=0.0, *, levels=12, lamp=0.0, scatt
             "shot_covariance": np.diag((relative * seen) ** 2),
             "noise": seen,
             "noise_uncertainty": relative * seen,
+            "noise_rounding": np.zeros(levels),
             "dark_fraction": np.zeros((levels, 1)),
             "dark_noise": (Uncertain(0.0),),
             "frame_scatter": np.zeros(levels),

@@ -11,7 +11,7 @@ import pytest
 from photosite.frames.open import open_frames
 from photosite.studies.drawn_sensors import ROUTES, DrawnSensor, Level, draw_sensor
 from photosite.studies.outcome import Outcome
-from photosite.studies.random_sensors import RandomSensors, SensorResult, measure_sensor, random_sensors
+from photosite.studies.random_sensors import TRUE, RandomSensors, SensorResult, measure_sensor, random_sensors
 
 SENSORS = [draw_sensor(number) for number in range(400)]
 
@@ -134,6 +134,63 @@ def test_a_sensor_is_measured() -> None:
     gain = result.outcomes["system_gain_dn_per_e"]
     assert isinstance(gain, Outcome)
     assert abs(gain.error) < 4.0 * gain.standard_uncertainty < 0.04
+
+
+def test_saturation_of_wells_that_are_not_all_full() -> None:
+    """Light 2 standard deviations beyond the well: its mean is 0.35 DN low, 7 of its uncertainties."""
+    times = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+    levels = (
+        *(Level("dark", t, 0.0, 8) for t in (0.01, 1.0)),
+        *(Level("light", t, (9190.0 / 0.6 - 50.0) * t / 0.5, 8) for t in times[:-1]),
+        Level("light", 0.6, (9190.0 - 30.0) / 0.5, 8),
+    )
+    sensor = replace(SMALL, shape=(160, 180), prnu=0.001, levels=levels)
+    outcome = measure_sensor(sensor).outcomes["saturation_dn"]
+    assert isinstance(outcome, Outcome)
+    assert abs(outcome.error) < 4.0 * outcome.standard_uncertainty < 0.24
+
+
+def test_a_full_well_of_one_channel_is_that_of_the_others() -> None:
+    """Green saturates; red at the brightest level is 2 standard deviations below the well."""
+    levels = (
+        *(Level("dark", t, 0.0, 20) for t in (0.01, 1.0)),
+        *(Level("light", t, 4.4e5 * t, 20) for t in np.geomspace(0.002, 0.05, 8).tolist()),
+    )
+    sensor = replace(SMALL, shape=(200, 220), tile="rggb", efficiency={"R": 0.397, "G": 0.55, "B": 0.2}, levels=levels)
+    result = measure_sensor(sensor)
+    gain = result.outcomes["system_gain_dn_per_e"]
+    assert isinstance(gain, Outcome)
+    assert abs(gain.error) < 4.0 * gain.standard_uncertainty < 0.004
+    assert not result.false_alarms
+
+
+def test_rounding_of_a_coarse_converter_is_no_step_of_the_read_noise() -> None:
+    """The dark variance, of 0.3 DN of noise, is 0.05 DN^2 low at this phase of the mean."""
+    sensor = replace(
+        SMALL,
+        shape=(136, 144),
+        bits=8,
+        gain=0.0234,
+        black_dn=12.23,
+        read_noise_e=12.94,
+        dsnu_e=7.07,
+        well_e=17_900.0,
+        levels=(
+            *(Level("dark", t, 0.0, 29) for t in (0.001, 0.1)),
+            *(Level("light", 0.001, 2.0 * e, 29) for e in np.geomspace(245.0, 1500.0, 14)),
+        ),
+        photons_stated=True,
+    )
+    assert measure_sensor(sensor).refused is None
+
+
+def test_levels_up_to_the_largest_variance_count_as_linear() -> None:
+    """Five even levels: of 94 %, with dark current that fills the wells of the brightest, or of 116 % of saturation."""
+    few = TRUE["few-light-levels"]
+    assert few(draw_sensor(408))
+    assert few(draw_sensor(468))
+    dim = (*SMALL.levels[:2], *(Level("light", t, 3.2e5 * t, 4) for t in (0.01, 0.02, 0.03, 0.04, 0.05)))
+    assert not few(replace(SMALL, levels=dim))
 
 
 @pytest.mark.slow

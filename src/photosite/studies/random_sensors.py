@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.result import Calibration
@@ -48,23 +49,38 @@ def _coarse(sensor: DrawnSensor) -> bool:
 
 def _below_saturation(sensor: DrawnSensor) -> bool:
     """Return whether not all pixels of a channel saturate in each frame."""
-    mean_e = sensor.lights[-1].photons * min(sensor.efficiency.values())
+    mean_e = float(_charges_e(sensor, min(sensor.efficiency.values()))[-1])
     spread_e = math.sqrt(mean_e + sensor.read_noise_e**2 + sensor.dsnu_e**2 + (sensor.prnu * mean_e) ** 2)
     return mean_e - 5.0 * spread_e < sensor.saturation_e
 
 
+def _charges_e(sensor: DrawnSensor, efficiency: float) -> NDArray[np.float64]:
+    """Return the mean charge of each level of light in a channel, that of the dark current included."""
+    return np.array([level.photons * efficiency + sensor.dark_e_per_s * level.exposure_s for level in sensor.lights])
+
+
 def _level_near_full_well(sensor: DrawnSensor) -> bool:
     """Return whether wells are full below the converter's range, and a level of a channel lies near them."""
-    charge = [x.photons * each / sensor.well_e for x in sensor.lights for each in sensor.efficiency.values()]
+    charges = np.concatenate([_charges_e(sensor, each) for each in sensor.efficiency.values()])
     spread = 5.0 * math.hypot(sensor.prnu, sensor.well_e**-0.5)
-    return sensor.saturation_e == sensor.well_e and any(abs(each - 1.0) < spread for each in charge)
+    return sensor.saturation_e == sensor.well_e and bool((np.abs(charges / sensor.well_e - 1.0) < spread).any())
 
 
 def _few_linear_levels(sensor: DrawnSensor) -> bool:
-    """Return whether fewer than three levels are below 70 % of the brightest one that is not saturated, or nearly."""
-    signal = np.array([level.photons for level in sensor.lights]) * max(sensor.efficiency.values())
-    unsaturated = signal[signal < 0.98 * sensor.saturation_e]
-    return bool(np.count_nonzero(unsaturated < 0.69 * unsaturated.max(initial=0.0)) < 3)
+    """Return whether fewer than three levels of a channel are below 70 % of that of the largest variance, or nearly.
+
+    The variance is that of normal charges cut off at saturation.
+    """
+    z = np.linspace(-6.0, 6.0, 601)
+    density = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
+    for efficiency in sensor.efficiency.values():
+        charge = _charges_e(sensor, efficiency)
+        cut = np.minimum(charge[:, None] + np.sqrt(charge + sensor.read_noise_e**2)[:, None] * z, sensor.saturation_e)
+        variance = (cut**2 @ density) - (cut @ density) ** 2
+        peak = int(np.argmax(variance > 0.98 * variance.max()))
+        if np.count_nonzero(charge < 0.69 * charge[peak]) < 3:
+            return True
+    return False
 
 
 def _small_planes(sensor: DrawnSensor) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from photosite.calibration.checks.dark_frames import LONG_DARKS_S
 from photosite.calibration.checks.result_screening import BEYOND_CHANCE, too_short_for_dark_current
 from photosite.calibration.diagnostics import Check
 from photosite.calibration.evidence import Evidence
@@ -16,7 +17,7 @@ from photosite.calibration.withheld import DARK_CURRENT, RESPONSE, SINGLE_FLATS
 from photosite.frames.raw_frame import levels_disagree
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind, one_in
 from photosite.values.exposure import format_exposure
-from photosite.values.uncertain import Missing
+from photosite.values.uncertain import Missing, Uncertain
 
 SHORTEST_S = 1e-6
 """Exposure time below which few image sensors have a shutter."""
@@ -191,18 +192,32 @@ STATED_WHITE = DiagnosticKind(
 )
 
 
+def _unknown_dark_signal(evidence: Evidence) -> float:
+    """Return the largest signal of the dark current in long dark frames of one exposure time, DN; 0 for others.
+
+    All of the dark noise may be its shot noise.
+    """
+    dark, noise, gain = evidence.dark, evidence.pooled.read_variance, evidence.light.gain
+    longest = max(entry.group.exposure_s for entry in dark.groups)
+    if longest < LONG_DARKS_S or any(lines.mean.fit is not None for lines in dark.lines):
+        return 0.0
+    if isinstance(noise, Missing) or isinstance(gain, Missing):
+        return math.inf
+    return max(noise.interval_95[1], 0.0) / gain.value
+
+
 def stated_levels(evidence: Evidence) -> Iterator[Diagnostic]:
     """Stated black and white levels that the frames contradict. They matter for developing, not here."""
     frames, lights = evidence.reduction.frames, evidence.reduction.lights
     white = frames.white_level_dn or float((1 << frames.bits) - 1)
-    stated = frames.black_level_dn
-    for dark in evidence.dark.groups[:1]:
-        found = pooled_level(dark.levels).mean
-        if stated is not None and levels_disagree(stated, found, white):
+    stated, found = frames.black_level_dn, evidence.pooled.black_level
+    if evidence.dark.groups and stated is not None and isinstance(found, Uncertain):
+        low, high = found.interval_95
+        if levels_disagree(stated, min(max(stated, low - _unknown_dark_signal(evidence)), high), white):
             yield STATED_BLACK(
-                f"the black level is stated as {stated:g} DN, but the {dark.label} have a mean of {found:.2f} DN; "
+                f"the black level is stated as {stated:g} DN, but that of the dark frames is {found.value:.2f} DN; "
                 f"correct it before developing these frames",
-                found,
+                found.value,
             )
     if frames.white_level_dn is not None and lights:
         brightest, label = max((level.mean, entry.label) for entry in lights for level in entry.levels)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from photosite.calibration.dark.dark_gain import DarkGain, measure_dark_gain
 from photosite.calibration.dark.dark_result import DarkResult
@@ -34,7 +35,7 @@ from photosite.calibration.photon_transfer.response_curve import fit_bent_gain, 
 from photosite.calibration.photon_transfer.response_shape import TONE_CURVE, ToneCurve, find_tone_curve
 from photosite.calibration.photon_transfer.without_darks import brighter_fatter, straightening
 from photosite.calibration.reduction.frame_reader import FrameReader
-from photosite.calibration.reduction.groups import GroupStatistics
+from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics
 from photosite.calibration.reduction.reduce import Reduction
 from photosite.calibration.withheld import SINGLE_FLATS
 from photosite.sensor.model import Sensor
@@ -123,6 +124,7 @@ def measure_light_frames(
     wrong = {outlier.group for outlier in outliers}
     lights = [replace(group, light_trusted=i not in wrong) for i, group in enumerate(reduction.lights)]
     channels = [Channel.of(k, lights, lines, reduction.whites[k]) for k, lines in enumerate(dark.lines)]
+    channels = _below_known_wells(channels)
     if not dark.level_unknown:
         check_knees(channels, reduction.frames.source, _distances_of_codes(reduction))
     if noise.shared is not None:
@@ -174,6 +176,30 @@ def _light_differs(lights: Sequence[GroupStatistics], levels: LightLevels) -> bo
         if np.ptp(signal) > max(SAME_LIGHT * signal.max(), by_chance):
             return True
     return False
+
+
+def _below_known_wells(channels: Sequence[Channel]) -> list[Channel]:
+    """Return the channels without levels at which pixels reach the full well that another channel shows.
+
+    Few full pixels change the variance by less than a bend may.
+    """
+    blacks = [channel.dark.mean.y[np.argmin(channel.dark.mean.exposure_s)] for channel in channels]
+    tops = [channel.saturation.level_dn for channel in channels]
+    wells = [
+        top.value - black
+        for top, black in zip(tops, blacks, strict=True)
+        if isinstance(top, Uncertain) and top.standard_uncertainty > 0.0  # not the converter's limit
+    ]
+    if not wells or any(channel.dark.mean.reason for channel in channels):
+        return list(channels)
+    reach = -float(ndtri(CLIPPED_FRACTION))
+    return [
+        channel
+        if channel.saturation.signal is not None
+        else channel.without(levels.mean - black + reach * np.sqrt(levels.pattern_variance + levels.noise) > min(wells))
+        for channel, black in zip(channels, blacks, strict=True)
+        for levels in [channel.levels]
+    ]
 
 
 def _with_unsaturated_neighbors(channels: Sequence[Channel]) -> list[Channel]:

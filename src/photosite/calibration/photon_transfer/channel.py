@@ -31,6 +31,7 @@ from photosite.calibration.photon_transfer.photon_transfer import (
     temporal_series,
 )
 from photosite.calibration.photon_transfer.response_curve import ResponseCurve
+from photosite.calibration.photon_transfer.unfilled_wells import missing_charge
 from photosite.calibration.photon_transfer.without_darks import unknown_dark_current
 from photosite.calibration.reduction.groups import CLIPPED_FRACTION, GroupStatistics
 from photosite.calibration.withheld import FEW_LEVELS, NO_LINEAR_LEVEL, UNKNOWN_DARK_CURRENT, UNKNOWN_PHOTONS
@@ -90,10 +91,47 @@ class Channel:
         levels = light_levels(lights, index, dark)
         saturation = find_saturation(levels, white)
         full, fall = (np.array([], np.intp), 0.0) if saturation.signal is not None else full_wells(levels)
-        levels = replace(levels, clipped=levels.clipped | np.isin(np.arange(len(levels.x)), full))
-        used = linear_levels(levels, saturation)
+        used, gain = linear_levels(levels, saturation), gain_value(None)
+        channel = cls(index, dark, levels, saturation, used, gain, gain, gain, full=tuple(full.tolist()), fall=fall)
+        return channel.without(np.isin(np.arange(len(levels.x)), full))._with_filled_wells()
+
+    def without(self, full: NDArray[np.bool_]) -> Channel:
+        """Return the channel with (levels,) some levels counted as clipped."""
+        levels = replace(self.levels, clipped=self.levels.clipped | full)
+        used = linear_levels(levels, self.saturation)
         gain = gain_value(fit_gain([levels], [used]))
-        return cls(index, dark, levels, saturation, used, gain, gain, gain, full=tuple(full.tolist()), fall=fall)
+        return replace(self, levels=levels, used=used, gain=gain, line_gain=gain, straight_gain=gain)
+
+    def _with_filled_wells(self) -> Channel:
+        """Return the channel with the digital number of full wells, to which some pixels are not yet full."""
+        levels, top, noise = self.levels, self.saturation.level_dn, self.dark.variance.at_zero
+        if isinstance(top, Missing) or isinstance(self.gain, Missing) or isinstance(noise, Missing):
+            return self
+        if top.standard_uncertainty == 0.0 or not levels.repeated[-1]:  # the converter's limit
+            return self
+        gain, full = self.gain.value, float(levels.signal[-1])
+        brightest = int(np.argmax(np.where(self.used & levels.repeated, levels.signal, -math.inf)))
+        pattern = math.sqrt(float(levels.pattern_variance[brightest])) / float(levels.signal[brightest])
+        # The well limits the charge of light and dark current together.
+        own = math.hypot(levels.noise_uncertainty[-1], levels.noise_rounding[-1], noise.standard_uncertainty)
+        missing = missing_charge(
+            float(levels.noise[-1]) - noise.value,
+            own,
+            self._unknown_dark_shot(noise),
+            math.sqrt(gain * full),
+            pattern * full,
+            gain,
+        )
+        return replace(self, saturation=replace(self.saturation, level_dn=top + missing))
+
+    def _unknown_dark_shot(self, noise: Uncertain) -> float:
+        """Return the largest shot noise, DN^2, of the charge in the dark frames of one exposure time; 0 for several."""
+        if self.dark.variance.fit is not None or not isinstance(self.gain, Uncertain):
+            return 0.0
+        current, most = self.unknown_dark_current(), max(noise.value - QUANTIZATION_DN2, 0.0)
+        if not isinstance(current, Uncertain):
+            return most
+        return min(self.gain.value * current.interval_95[1] * float(self.dark.mean.exposure_s[0]), most)
 
     @property
     def unsaturated(self) -> NDArray[np.bool_]:

@@ -269,7 +269,7 @@ def check_knees(channels: Sequence[Channel], source: str, codes: Sequence[_Codes
         for values in (
             [level.signal for level in levels],
             [level.noise - QUANTIZATION_DN2 for level in levels],
-            [level.noise_uncertainty for level in levels],
+            [np.hypot(level.noise_uncertainty, level.noise_rounding) for level in levels],
             [level.clipped | (level.white_fraction > CLIPPED_FRACTION) for level in levels],
         )
     )
@@ -310,12 +310,13 @@ def _check_noise_step(channels: Sequence[Channel], below: _Array, source: str, c
         shortest = int(np.argmin(dark.exposure_s))
         dark_e2 = float(dark.y[shortest])
         of_dark, of_lights = (1.0, np.ones(len(levels.x))) if codes is None else codes[k]
-        points.append((0.0, dark_e2 - QUANTIZATION_DN2, float(np.sqrt(dark.variance[shortest])), of_dark))
+        of_darks = float(np.sqrt(dark.covariance[shortest, shortest]))
+        points.append((0.0, dark_e2 - QUANTIZATION_DN2, of_darks, of_dark))
         kept = levels.repeated & (levels.signal > 0.0) & (levels.signal <= below.max())
         values = (
             levels.signal,
             levels.shot + dark_e2 - QUANTIZATION_DN2,
-            levels.noise_uncertainty,
+            np.hypot(levels.noise_uncertainty, levels.noise_rounding),
             of_lights[levels.group],
         )
         points += list(zip(*(each[kept].tolist() for each in values), strict=True))

@@ -49,6 +49,8 @@ class LightLevels:
         (m,) temporal variance less the dark's, DN^2, NaN for one frame; its (m, m) sampling covariance.
     noise, noise_uncertainty
         (m,) temporal variance including the dark's, DN^2, and its standard uncertainty from the level alone.
+    noise_rounding
+        (m,) standard uncertainty of the temporal variance from rounding, DN^2.
     dark_noise, dark_fraction
         The dark temporal variances, and the (m, darks) fraction of each that was subtracted.
     mean, spread, mean_variance
@@ -73,6 +75,7 @@ class LightLevels:
     shot_covariance: Array
     noise: Array
     noise_uncertainty: Array
+    noise_rounding: Array
     dark_noise: tuple[Uncertain, ...]
     dark_fraction: Array
     mean: Array
@@ -100,6 +103,11 @@ class LightLevels:
         """(m,) whether the level has a temporal variance."""
         return np.isfinite(self.shot)
 
+    @property
+    def pattern_variance(self) -> Array:
+        """(m,) variance over pixels of their means, without temporal noise, DN^2."""
+        return np.maximum(self.spread**2 - self.noise * (1.0 + 1.0 / self.frames), 0.0)
+
     def take(self, places: NDArray[np.intp]) -> LightLevels:
         """Return some of the levels, in this order."""
         changed: dict[str, Any] = {
@@ -121,6 +129,7 @@ class LightLevels:
             shot_covariance=np.outer(factors, factors) * self.shot_covariance + relative**2 * np.outer(shot, shot),
             noise=factors * self.noise,
             noise_uncertainty=factors * self.noise_uncertainty,
+            noise_rounding=factors * self.noise_rounding,
             dark_fraction=factors[:, None] * self.dark_fraction,
         )
 
@@ -153,6 +162,7 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
     mean, spread = each("mean"), each("variance_uncertainty")
     signal = mean - take_mean @ dark.mean.y
     variance = np.array([level.noise.value for level in levels]) - _uneven_shifts(levels, signal)
+    rounding = each("rounding_variance")
     over_pixels, shift = each("spatial_variance") / each("pixels"), each("frame_shift")
     # The noise of a single frame is unknown; its spread over pixels is an upper bound.
     sampling = np.where([level.repeated for level in levels], each("mean_variance"), over_pixels)
@@ -164,10 +174,10 @@ def light_levels(lights: Sequence[GroupStatistics], channel: int, dark: DarkLine
         signal=signal,
         signal_covariance=np.diag(sampling + each("rounding_mean") ** 2) + take_mean @ dark_covariance @ take_mean.T,
         shot=variance - take_variance @ dark.variance.y,
-        shot_covariance=np.diag(spread**2 + each("rounding_variance") ** 2)
-        + take_variance @ dark.variance.covariance @ take_variance.T,
+        shot_covariance=np.diag(spread**2 + rounding**2) + take_variance @ dark.variance.covariance @ take_variance.T,
         noise=variance,
         noise_uncertainty=spread,
+        noise_rounding=rounding,
         dark_noise=dark.variance.points,
         dark_fraction=take_variance,
         mean=mean,
