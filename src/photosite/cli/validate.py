@@ -16,6 +16,7 @@ from photosite.cli.output import listed, say, say_if_compiling, show, table, tab
 if TYPE_CHECKING:
     from photosite.frames.raw_frame import RawFrame
     from photosite.validation.frame_validation import FrameValidation
+    from photosite.validation.quality_comparison import QualityComparison
     from photosite.validation.result import Validation
 
 
@@ -25,7 +26,14 @@ _only_with_measured = options.stacked(
         multiple=True,
         type=click.Path(path_type=Path),
         metavar="FILES",
-        help="Raw frames or folders of raw frames; several are one stack.",
+        help="Raw frames or folders of raw frames; several are one stack. With --image-quality: a list of photographs, "
+        "or the JSON of `photosite measure`.",
+    ),
+    click.option(
+        *("--camera", "camera_file"),
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="Camera file that is validated; with --image-quality.",
     ),
     options.sensor_option(),
     click.option(
@@ -63,7 +71,8 @@ _only_with_measured = options.stacked(
 @click.option(
     "--image-quality",
     is_flag=True,
-    help="Compare every measurement of image quality on the chart, with a verdict for each value; only with two paths.",
+    help="Compare every measurement of image quality, with a verdict for each value: of the chart in two paths, or of "
+    "photographs (--measured) with charts that are simulated with --camera.",
 )
 @options.level_option
 @options.tolerance_percent_option(
@@ -97,6 +106,8 @@ def command(
 
     Example: photosite validate edge.dng simulated.dng --chart slanted-edge --image-quality
 
+    Example: photosite validate --image-quality --measured lab.photographs.yaml --camera camera7.camera.yaml
+
     \b
     Example: photosite validate --measured shot*.nef
           --sensor mine.sensor.yaml --illuminant lamp.csv
@@ -111,7 +122,10 @@ def command(
         if options.is_given(ctx, "chart"):
             raise click.UsageError("--chart applies to two paths; use --scene with --measured", ctx)
         if image_quality:
-            raise click.UsageError("--image-quality applies to two paths", ctx)
+            _validate_quality(ctx, [*measured, *paths], reading, test, as_json, camera)
+            return
+        if camera["camera_file"] is not None:
+            raise click.UsageError("--camera requires --image-quality", ctx)
         _validate_measured(ctx, _frames([*measured, *paths], reading), test, as_json, camera)
         return
     if given := [name for name in camera if options.is_given(ctx, name)]:
@@ -195,9 +209,45 @@ def _compare_quality(
     from photosite.metrics.measure import measure
     from photosite.validation.quality_comparison import compare_quality
 
-    found = compare_quality(*(measure(frames, chart) for frames in (shot, simulated)), **test)
+    _show_quality(compare_quality(*(measure(frames, chart) for frames in (shot, simulated)), **test), as_json)
+
+
+_OF_QUALITY = {"camera_file", "seed", "report"}
+
+
+def _validate_quality(
+    ctx: click.Context,
+    files: Sequence[Path],
+    reading: Mapping[str, Any],
+    test: Mapping[str, Any],
+    as_json: bool,
+    camera: Mapping[str, Any],
+) -> None:
+    """Compare the image quality of photographs with that of charts that are simulated with a camera file."""
+    from photosite.camera.file import load_camera
+    from photosite.studies.quality_validation import load_measured, validate_quality
+
+    if len(files) != 1 or camera["camera_file"] is None:
+        raise click.UsageError(
+            "--image-quality with --measured requires one list of photographs or JSON of measure, and --camera", ctx
+        )
+    if given := [name for name in camera if name not in _OF_QUALITY and options.is_given(ctx, name)]:
+        spelled = OptionSpelling(ctx.command).name(given[0])
+        raise click.UsageError(f"with --image-quality, the camera file states the camera; omit {spelled}", ctx)
+    setup = load_camera(camera["camera_file"])
+    say_if_compiling()
+    measured = load_measured(files[0], reading=reading, on_progress=lambda text: say(f"measuring {text}"))
+    found = validate_quality(measured, setup.camera, seed=camera["seed"], on_progress=say, **test)
+    if camera["report"] is not None:
+        found.report(camera["report"])
+        say(f"wrote {camera['report']}")
+    _show_quality(found, as_json)
+
+
+def _show_quality(found: QualityComparison, as_json: bool) -> None:
     counts = ", ".join(f"{name} {count}" for name, count in found.count.items())
-    show(as_json, found.to_dict(), lambda: f"values {verdict(found.agrees)} ({counts})\n\n{tabular(found)}")
+    lines = listed(f"values {verdict(found.agrees)} ({counts})", found.notes)
+    show(as_json, found.to_dict(), lambda: f"{lines}\n\n{tabular(found)}")
 
 
 def _defaults_used(ctx: click.Context) -> list[str]:

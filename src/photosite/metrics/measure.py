@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -69,11 +70,20 @@ class ImageQuality(Tabular, Diagnosed, Reported):
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, for JSON."""
-        chart = {"name": self.chart.name, "corners": [list(corner) for corner in self.chart.corners]}
-        chart["found"] = self.chart.found
+        light = self.chart.illuminant
+        chart = {
+            "name": self.chart.name,
+            "corners": [list(corner) for corner in self.chart.corners],
+            "found": self.chart.found,
+            "options": dict(self.chart.options),
+            "illuminant": light if isinstance(light, str | int | float) else None,
+            "luminance_cd_m2": self.chart.scene.mean_luminance_cd_m2() if self.chart.known_light else None,
+        }
         return {
             "frames": len(self.image.frames),
             "origin": self.image.origin,
+            "exposure_s": self.image.exposure_s,
+            "signal": chart_signal(self.image, self.chart),
             "tone_curve": self.image.tone,
             "diagnostics": [entry.to_dict() for entry in self.image_diagnostics],
             "chart": chart,
@@ -100,6 +110,15 @@ class ImageQuality(Tabular, Diagnosed, Reported):
             else:
                 rows.append((name, "", "", f"missing: {found.reason}", None, None, ""))
         return ResultTable(f"Image quality of {self.chart.name}", ("measurement", *COLUMNS), rows)
+
+
+def chart_signal(image: ChartImage, chart: PlacedChart) -> float | None:
+    """Return the mean signal of a chart over saturation, of the sharp channel; None where saturation is not known."""
+    if not math.isfinite(image.white):
+        return None
+    regions = chart.patches or (chart.region,)
+    means = [float(image.pixels(region, image.sharp_channel).mean()) for region in regions]
+    return sum(means) / len(means) / (image.white - image.black)
 
 
 def measure(

@@ -257,6 +257,9 @@ class Measurement:
         Quantities that the first page of a report shows.
     figure
         Figure that the first page shows: the first "curves", the first "map", or none.
+    of_photograph
+        Quantities that are those of a photograph and not of the camera, such as the pose of the chart, or that need
+        motion and lamps: simulated charts do not have them.
     """
 
     title: str
@@ -270,6 +273,7 @@ class Measurement:
     view: View = "middle"
     headline: tuple[str, ...] = ()
     figure: Literal["curves", "map", ""] = ""
+    of_photograph: tuple[str, ...] = ()
     id: str = ""
 
     @cached_property

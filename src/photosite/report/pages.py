@@ -18,6 +18,7 @@ _PAGES = {
     "ImageQuality": "image_quality.image_quality_page",
     "CameraQuality": "image_quality.camera_quality_page",
     "Judged": "image_quality.judged_page",
+    "QualityComparison": "quality_comparison.quality_comparison_page",
     "SettingsCalibration": "settings.settings_page",
 }
 """Module of `photosite.report` and function, by the name of the result's type."""

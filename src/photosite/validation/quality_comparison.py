@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 from photosite.errors import InputError
 from photosite.metrics.measure import ImageQuality
-from photosite.metrics.measurement import Quantity, Result
+from photosite.metrics.measurement import Measured, Quantity, Result
 from photosite.validation.agreement import check_verdict_settings
 from photosite.values.estimate import Estimate
-from photosite.values.shown import ResultTable, Shown, Tabular
+from photosite.values.shown import Reported, ResultTable, Shown, Tabular
 from photosite.values.uncertain import COVERAGE_95
 
 Verdict = Literal["agrees", "differs", "no interval", "missing"]
@@ -25,6 +25,8 @@ class ComparedValue(Shown):
 
     Parameters
     ----------
+    chart
+        The chart, or the name of the photograph.
     name
         Measurement, quantity and part: "edge-sfr.mtf50.G".
     quantity
@@ -38,6 +40,7 @@ class ComparedValue(Shown):
         where the frames of one side do not show the value.
     """
 
+    chart: str
     name: str
     quantity: Quantity
     measured: Estimate
@@ -52,21 +55,30 @@ class ComparedValue(Shown):
             return None
         return self.measured.value - self.simulated.value
 
+    @property
+    def score(self) -> float | None:
+        """The difference over its standard uncertainty; None where either is missing."""
+        if self.difference is None or self.standard_uncertainty is None:
+            return None
+        return self.difference / self.standard_uncertainty
+
     def to_dict(self) -> dict[str, Any]:
         """Return everything, for JSON."""
         return {
+            "chart": self.chart,
             "name": self.name,
             "unit": self.quantity.unit,
             "measured": self.measured.to_dict(),
             "simulated": self.simulated.to_dict(),
             "difference": self.difference,
             "standard_uncertainty": self.standard_uncertainty,
+            "score": self.score,
             "verdict": self.verdict,
         }
 
 
 @dataclass(frozen=True, eq=False)
-class QualityComparison(Tabular):
+class QualityComparison(Tabular, Reported):
     """Result of `compare_quality`.
 
     Parameters
@@ -75,11 +87,14 @@ class QualityComparison(Tabular):
         Each value of both sides.
     level, tolerance_percent
         False-alarm rate of the whole table, and the relative tolerance.
+    notes
+        Photographs that are not compared, with the reasons.
     """
 
     values: tuple[ComparedValue, ...]
     level: float
     tolerance_percent: float
+    notes: tuple[str, ...] = ()
 
     @property
     def agrees(self) -> bool:
@@ -100,19 +115,23 @@ class QualityComparison(Tabular):
             "agrees": self.agrees,
             "level": self.level,
             "tolerance_percent": self.tolerance_percent,
+            "notes": list(self.notes),
             "values": [each.to_dict() for each in self.values],
         }
 
     def _table(self) -> ResultTable:
-        columns = ("value", "measured", "simulated", "difference", "standard uncertainty", "unit", "verdict")
+        columns = "value", "measured", "simulated", "difference", "over uncertainty", "unit", "verdict"
+        several = len({each.chart for each in self.values}) > 1
         rows = [
             (
+                *(each.chart,) * several,
                 *(each.name, each.measured.shown_value, each.simulated.shown_value),
-                *(each.difference, each.standard_uncertainty, each.quantity.unit, each.verdict),
+                *(each.difference, each.score, each.quantity.unit, each.verdict),
             )
             for each in self.values
         ]
-        return ResultTable("Image quality of measured and simulated frames", columns, rows)
+        titles = (*("chart",) * several, *columns)
+        return ResultTable("Image quality of measured and simulated frames", titles, rows)
 
 
 def compare_quality(
@@ -148,25 +167,44 @@ def compare_quality(
     >>> compare_quality(sharp, sharp).agrees, compare_quality(sharp, blurred).agrees
     (True, False)
     """
-    check_verdict_settings(level, tolerance_percent)
     if measured.chart.name != simulated.chart.name:
         one, other = measured.chart.name, simulated.chart.name
         raise InputError("chart", value=other, expected=f"{one}, as in the measured frames")
-    pairs: list[tuple[str, Quantity, Estimate, Estimate]] = []
-    for id, seen in measured.results.items():
-        made = simulated.results.get(id)
-        values = [found.values if isinstance(found, Result) else {} for found in (seen, made)]
-        known = next((found for found in (seen, made) if isinstance(found, Result)), None)
-        if known is None:
-            continue
-        absent = Estimate(reason="it was not measured")
-        for key in dict.fromkeys((*values[0], *values[1])):
-            name = ".".join(filter(None, (id, *key)))
-            pairs.append((name, known.quantity(key[0]), values[0].get(key, absent), values[1].get(key, absent)))
-    spreads = [_spread(seen, made) for _, _, seen, made in pairs]
+    sides = {measured.chart.name: (measured.results, simulated.results)}
+    return compare_results(sides, level=level, tolerance_percent=tolerance_percent)
+
+
+Results = Mapping[str, Measured]
+
+
+def compare_results(
+    charts: Mapping[str, tuple[Results, Results]], *, level: float = 0.05, tolerance_percent: float = 0.0
+) -> QualityComparison:
+    """Compare measured with simulated results of charts, by the name of the photograph, as `compare_quality` does.
+
+    Raises
+    ------
+    InputError
+        If the level or tolerance is invalid.
+    """
+    check_verdict_settings(level, tolerance_percent)
+    pairs: list[tuple[str, str, Quantity, Estimate, Estimate]] = []
+    absent = Estimate(reason="it was not measured")
+    for chart, (measured, simulated) in charts.items():
+        for id, seen in measured.items():
+            made = simulated.get(id)
+            values = [found.values if isinstance(found, Result) else {} for found in (seen, made)]
+            known = next((found for found in (seen, made) if isinstance(found, Result)), None)
+            if known is None:
+                continue
+            for key in dict.fromkeys((*values[0], *values[1])):
+                name = ".".join(filter(None, (id, *key)))
+                both = values[0].get(key, absent), values[1].get(key, absent)
+                pairs.append((chart, name, known.quantity(key[0]), *both))
+    spreads = [_spread(seen, made) for *_, seen, made in pairs]
     quantile = NormalDist().inv_cdf(1.0 - level / max(sum(each is not None for each in spreads), 1) / 2.0)
     compared = [
-        ComparedValue(*pair, spread, _verdict(*pair[2:], _reach(pair[3], spread, quantile, tolerance_percent)))
+        ComparedValue(*pair, spread, _verdict(*pair[3:], _reach(pair[4], spread, quantile, tolerance_percent)))
         for pair, spread in zip(pairs, spreads, strict=True)
     ]
     return QualityComparison(tuple(compared), level, tolerance_percent)

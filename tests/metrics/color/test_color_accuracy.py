@@ -11,6 +11,7 @@ from photosite.develop.camera_color import fit_color_matrix
 from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.color.color_accuracy import splits
+from photosite.metrics.color.color_matrices import best_strength
 from photosite.metrics.measure import measure
 from photosite.metrics.measurement import Result
 from photosite.studies.measurements.color_accuracy import color_errors, picture, reference, with_errors
@@ -115,3 +116,16 @@ def test_wrong_charts_are_refused() -> None:
         measured(turned)
     with raises(InputError, what="color-accuracy"):
         measured(picture(REFERENCE)[..., 0])
+
+
+def test_regularization_follows_the_colors_without_steps() -> None:
+    """A strength from a list of strengths would jump by the factor 1.8 between them."""
+    rng = np.random.default_rng(3)
+    mixing = np.array([[0.7, 0.2, 0.1], [0.2, 0.7, 0.2], [0.0, 0.1, 0.8]])
+    xyz = rng.uniform(0.05, 0.9, (24, 3))
+    prior = np.linalg.inv(mixing) + 0.05
+    path = np.linspace(0.0, 1.0, 200)[:, None, None]
+    camera = xyz @ mixing + 0.004 * ((1.0 - path) * rng.normal(size=(24, 3)) + 4.0 * path * rng.normal(size=(24, 3)))
+    strength = np.log10(best_strength(camera, xyz, prior))
+    assert np.ptp(strength) > 0.4
+    assert np.abs(np.diff(strength)).max() < 0.05

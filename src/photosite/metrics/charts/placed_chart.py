@@ -55,6 +55,8 @@ class PlacedChart(Shown):
         Whether the luminance of the chart was given.
     options
         Of the built-in scene.
+    illuminant
+        Light of the chart, as it was given.
     """
 
     name: str
@@ -65,6 +67,7 @@ class PlacedChart(Shown):
     shape: tuple[int, int]
     known_light: bool = False
     options: Mapping[str, Any] = field(default_factory=dict)
+    illuminant: str | float | Spectrum = "D65"
 
     @property
     def region(self) -> Region:
@@ -189,11 +192,11 @@ def placed_chart(
     if chart in OF_ANY_SIZE and corners is None and not detect and not {"rows", "cols"} & drawn.keys():
         drawn |= _sides(image.shape, min(own["rows"], own["cols"]))
     scene = SceneRequest(chart, {**light, **drawn}).scene()
-    known = luminance_cd_m2 is not None
+    known, illuminant = luminance_cd_m2 is not None, light["illuminant"]
     if detect:
         corners = _detected(image, chart, scene, own)
     if corners is None:
-        return filling_chart(chart, scene, image.shape, own, known_light=known)
+        return replace(filling_chart(chart, scene, image.shape, own, known_light=known), illuminant=illuminant)
     if not detect:  # the border of a chart that is found may be outside the image
         check_corners(corners, image.shape)
     patches: tuple[Patch, ...] = ()
@@ -203,7 +206,7 @@ def placed_chart(
         view = Homography.between(_scene_corners(scene), corners)
         patches = tuple(_rectangle(view, region) for region in scene.regions)
     found: Found = "detected" if detect else "given corners"
-    return PlacedChart(chart, scene, corners, patches, found, image.shape, known, own)
+    return PlacedChart(chart, scene, corners, patches, found, image.shape, known, own, illuminant)
 
 
 def _sides(shape: tuple[int, int], smaller: int) -> dict[str, int]:

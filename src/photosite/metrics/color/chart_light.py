@@ -100,4 +100,5 @@ MEASUREMENT = Measurement(
     left_out="The light is the one that is stated for the chart; frames do not show its spectrum.",
     order=320,
     headline=("cct_k",),
+    of_photograph=("cct_k", "duv", "ssi"),
 )

@@ -117,7 +117,7 @@ def _by_matrices(colors: PatchColors, draws: Array) -> dict[str, Array]:
     found = {_OWN: own, _LEFT_OUT: left_out}
     prior = white_balance_matrix(colors.channels, colors.mean[colors.gray], reference[colors.gray])
     if prior is not None:
-        strength = best_strength(colors.mean, reference, prior)
+        strength = best_strength(draws, reference, prior)
         found[_REGULARIZED] = fitted_xyz(draws, reference, strength, prior)[1]
     return found
 
@@ -231,4 +231,5 @@ MEASUREMENT = Measurement(
     order=300,
     headline=("delta_e_2000_mean", "delta_e_2000_max", "white_balance_error"),
     figure="curves",
+    of_photograph=("exposure_stops",),
 )

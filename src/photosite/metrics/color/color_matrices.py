@@ -16,7 +16,9 @@ _STRENGTHS = np.logspace(-6.0, 1.0, 29)
 """Strengths of the regularization that are tried, relative to the mean square of the channels."""
 
 
-def fitted_xyz(camera: Array, xyz: Array, strength: float = 0.0, prior: Array | None = None) -> tuple[Array, Array]:
+def fitted_xyz(
+    camera: Array, xyz: Array, strength: float | Array = 0.0, prior: Array | None = None
+) -> tuple[Array, Array]:
     """Return XYZ of the patches by a matrix fitted to all, and by matrices fitted without the patch itself.
 
     Parameters
@@ -25,7 +27,7 @@ def fitted_xyz(camera: Array, xyz: Array, strength: float = 0.0, prior: Array | 
         (..., patches, channels) camera values, and (patches, 3) colors.
     strength, prior
         Of the regularization: the sum of squared differences from a prior (channels, 3) matrix is added, times
-        strength, number of patches and mean square of the channels. 0: ordinary least squares.
+        strength, one or (...), number of patches and mean square of the channels. 0: ordinary least squares.
 
     Raises
     ------
@@ -41,9 +43,9 @@ def fitted_xyz(camera: Array, xyz: Array, strength: float = 0.0, prior: Array | 
     channels = camera.shape[-1]
     size = np.trace(gram, axis1=-2, axis2=-1)[..., None, None] / channels
     base = 0.0 if prior is None else camera @ prior
-    inverse = np.linalg.pinv(gram + strength * size * np.eye(channels))
+    inverse = np.linalg.pinv(gram + np.asarray(strength)[..., None, None] * size * np.eye(channels))
     leverage = np.einsum("...pc,...cd,...pd->...p", camera, inverse, camera)[..., None]
-    if (1.0 - leverage).min() < 1e-9 or (strength == 0.0 and np.linalg.matrix_rank(camera).min() < channels):
+    if (1.0 - leverage).min() < 1e-9 or (not np.any(strength) and np.linalg.matrix_rank(camera).min() < channels):
         raise InputError("colors of the patches", expected="not in a plane of the camera's channels")
     wanted = xyz - base
     fitted = camera @ (inverse @ (np.swapaxes(camera, -1, -2) @ wanted))
@@ -66,10 +68,27 @@ def white_balance_matrix(channels: Sequence[str], camera: Array, xyz: Array) -> 
     return np.asarray(gains[:, None] * XYZ_FROM_SRGB.T[["RGB".index(name) for name in channels]])
 
 
-def best_strength(camera: Array, xyz: Array, prior: Array) -> float:
-    """Return the strength of the regularization with the smallest squared error of patches that are left out."""
+def best_strength(camera: Array, xyz: Array, prior: Array) -> Array:
+    """Return the strength of the regularization with the smallest squared error of patches that are left out.
 
-    def error(strength: float) -> float:
-        return float(np.sum((fitted_xyz(camera, xyz, strength, prior)[1] - xyz) ** 2))
+    It follows the camera values without steps: a parabola through the errors of three strengths has its minimum there.
 
-    return float(min(_STRENGTHS, key=error))
+    Parameters
+    ----------
+    camera, xyz, prior
+        (..., patches, channels), (patches, 3) and (channels, 3).
+
+    Returns
+    -------
+    Array
+        (...) strengths.
+    """
+    errors = np.array(
+        [np.sum((fitted_xyz(camera, xyz, each, prior)[1] - xyz) ** 2, axis=(-2, -1)) for each in _STRENGTHS]
+    )
+    best = np.clip(errors.argmin(axis=0), 1, len(_STRENGTHS) - 2)
+    before, at, after = (np.take_along_axis(errors, (best + step)[None], axis=0)[0] for step in (-1, 0, 1))
+    bend = before - 2.0 * at + after
+    step = np.where(bend > 0.0, 0.5 * (before - after) / np.where(bend > 0.0, bend, 1.0), 0.0)
+    places = best + np.clip(step, -1.0, 1.0)
+    return np.asarray(10.0 ** np.interp(places, np.arange(len(_STRENGTHS)), np.log10(_STRENGTHS)))

@@ -199,4 +199,5 @@ MEASUREMENT = Measurement(
     view="field",
     headline=("distortion_percent", "tv_distortion_percent"),
     figure="curves",
+    of_photograph=("dots", "rotation_deg", "keystone_vertical_percent", "keystone_horizontal_percent"),
 )

@@ -151,4 +151,5 @@ MEASUREMENT = Measurement(
     view="field",
     headline=("modulation",),
     figure="curves",
+    of_photograph=("modulation", "mitigation_probability", "detection_index"),
 )

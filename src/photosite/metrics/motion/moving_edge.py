@@ -191,22 +191,21 @@ def _ratio(one: Value, velocity: Value, scale: float) -> Value:
     return one / velocity * scale
 
 
+_QUANTITIES = {
+    "skew": Quantity("skew", "pixels/row", "Displacement of the edge from one row to the next."),
+    "blur": Quantity("motion blur", "pixels", "Displacement of the edge during the exposure."),
+    "velocity": Quantity("velocity", "pixels/s", "Of the edge along the rows, with `fps`, or as given."),
+    "line_time_us": Quantity("line time", "us", "Skew over velocity: from the exposure of a row to the next one's."),
+    "exposure_ms": Quantity("exposure time", "ms", "Motion blur over velocity."),
+    "jitter_ms": Quantity("frame jitter", "ms", "Standard deviation of the times of frames about a constant rate."),
+    **STAMP_QUANTITIES,
+}
 MEASUREMENT = Measurement(
     title="Moving edge: rolling shutter, motion blur and timing",
     standard="no standard; a vertical edge that moves at constant velocity along the rows",
     charts=("slanted-edge",),
     measure=_measure,
-    quantities={
-        "skew": Quantity("skew", "pixels/row", "Displacement of the edge from one row to the next."),
-        "blur": Quantity("motion blur", "pixels", "Displacement of the edge during the exposure."),
-        "velocity": Quantity("velocity", "pixels/s", "Of the edge along the rows, with `fps`, or as given."),
-        "line_time_us": Quantity(
-            "line time", "us", "Skew over velocity: from the exposure of a row to the next one's."
-        ),
-        "exposure_ms": Quantity("exposure time", "ms", "Motion blur over velocity."),
-        "jitter_ms": Quantity("frame jitter", "ms", "Standard deviation of the times of frames about a constant rate."),
-        **STAMP_QUANTITIES,
-    },
+    quantities=_QUANTITIES,
     oracle="closed forms of an edge that moves in front of a rolling shutter",
     left_out=(
         "The velocity is taken as constant. Blur other than motion, the pixel's included, is taken as Gaussian. Rows "
@@ -216,4 +215,5 @@ MEASUREMENT = Measurement(
     view="middle",
     headline=("skew", "exposure_ms"),
     figure="curves",
+    of_photograph=tuple(_QUANTITIES),
 )

@@ -139,24 +139,25 @@ def _slope(row: Array, middle: Array) -> Value:
     return Uncertain.of(float(slopes.mean()), spread, Source.student(freedom))
 
 
+_QUANTITIES = {
+    "exposure_ms": Quantity("exposure time", "ms", "Lamps lit, partly lit ones by their part, times a step."),
+    "exposure_error_percent": Quantity(
+        "exposure error", "%", "Exposure time over that of the frames, or `stated_ms`, less 1."
+    ),
+    "lamps_lit": Quantity("lamps lit", "", "In a line, partly lit ones by their part."),
+    "line_time_us": Quantity(
+        "line time",
+        "us",
+        "Time from a row to the next, from the light's place over the lines; it runs to the right.",
+    ),
+    **STAMP_QUANTITIES,
+}
 MEASUREMENT = Measurement(
     title="Running light: exposure time and rolling shutter",
     standard="no standard; a light that steps from lamp to lamp, each lit for the time of a step",
     charts=("led-bar",),
     measure=_measure,
-    quantities={
-        "exposure_ms": Quantity("exposure time", "ms", "Lamps lit, partly lit ones by their part, times a step."),
-        "exposure_error_percent": Quantity(
-            "exposure error", "%", "Exposure time over that of the frames, or `stated_ms`, less 1."
-        ),
-        "lamps_lit": Quantity("lamps lit", "", "In a line, partly lit ones by their part."),
-        "line_time_us": Quantity(
-            "line time",
-            "us",
-            "Time from a row to the next, from the light's place over the lines; it runs to the right.",
-        ),
-        **STAMP_QUANTITIES,
-    },
+    quantities=_QUANTITIES,
     oracle="overlap of exposures with the steps of a light, in closed form",
     left_out=(
         "Lamps have about the same light, are off outside of their step, and all lines run alike. Exposures are "
@@ -165,4 +166,5 @@ MEASUREMENT = Measurement(
     order=455,
     headline=("exposure_ms", "line_time_us"),
     figure="curves",
+    of_photograph=tuple(_QUANTITIES),
 )
