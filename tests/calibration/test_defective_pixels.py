@@ -336,12 +336,12 @@ def test_uneven_light_is_no_noise_of_pixels() -> None:
     assert not found.add_noise(sums)
 
 
-def survey(dark: np.ndarray) -> int:
-    """Number of defective pixels of a stack of dark frames."""
+def survey(dark: np.ndarray, tile: tuple[int, int] = (1, 1)) -> int:
+    """Number of defective pixels of a stack of dark frames, whose colors repeat with a tile."""
     frames = FrameSet.from_arrays([("dark", 0.1, dn) for dn in dark], bits=12)
     sums = FrameSums(dark.shape[1:]).add(dark)
     statistics = GroupStatistics(frames.groups[0], tuple(map(Level.of, sums.label_totals())))
-    found = PixelSurvey(frames, np.zeros((1, 1), np.int64))
+    found = PixelSurvey(frames, np.zeros(tile, np.int64))
     found.add(statistics, sums, sums.label_totals())
     found.add_noise(sums)
     index = found.found()
@@ -380,6 +380,20 @@ def test_the_farthest_pixel_of_a_skewed_small_chip_is_no_defect() -> None:
         counts[deviations] = found
     assert counts[5.0] <= 2
     assert counts[7.0] == 40
+
+
+@pytest.mark.parametrize("tile", [(4, 4), (6, 6)])
+def test_colors_of_few_pixels_have_no_defects_by_chance(tile) -> None:
+    """At most 1 of 40 mosaics of 96 x 120 pixels; a pixel of 30 standard deviations is found in each."""
+    rng = np.random.default_rng(1)
+    alarms = 0
+    for _ in range(40):
+        dark = 40.0 * rng.lognormal(0.0, 0.3, (96, 120))
+        frames = np.rint(60 + rng.poisson(dark, (16, 96, 120))).astype(np.uint16)
+        alarms += survey(frames, tile) > 0
+        frames[:, 50, 60] += 400
+        assert survey(frames, tile) >= 1
+    assert alarms <= 1
 
 
 def test_too_many_are_a_part_of_the_distribution() -> None:

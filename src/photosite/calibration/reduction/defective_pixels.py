@@ -66,6 +66,8 @@ _BLOCK, _MOST_BLOCKS, _SAMPLES, _STEPS = 16, 16, 64, 4
 _WINDOW, _NEIGHBORS, _CHUNK = 8, 96, 1 << 14
 _NOISE_P_VALUE = 1e-4
 _TENTH, _QUARTILES = 1.2815515655446004, 1.3489795003921634
+_GROWTH_ERROR, _SPREAD_ERROR = 1.62, 1.37
+"""Standard errors of the growth and of the spread by quantiles of n normal numbers of spread 1, times sqrt(n)."""
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
@@ -501,11 +503,12 @@ def _limits(residual: _Floats, pixels: int, least: float) -> _Limits:
     ordered = np.sort(residual)
     q10, q25, q50, q75, q90 = (float(_sorted_quantile(ordered, part)) for part in (0.1, 0.25, 0.5, 0.75, 0.9))
     last = float(-ndtri(0.1 / pixels))
+    chance = _GROWTH_ERROR * math.sqrt(1.0 / len(residual) + 1.0 / pixels)
 
     def reach(side: float, other: float) -> float:
         skewed = 0.0
-        if side > other > 0.0:
-            growth = math.log(side / other) / _TENTH  # of the logarithm, per standard deviation
+        # Growth of the logarithm per standard deviation: at most that of the quantiles and three standard errors
+        if side > 0.0 and other > 0.0 and (growth := math.log(side / other) / _TENTH + 3.0 * chance) > 0.0:
             skewed = side * math.expm1(growth * last) / math.expm1(growth * _TENTH)
         return max(FAR_SIGMA * (q75 - q25) / _QUARTILES, REACH * max(side * last / _TENTH, skewed)) + least
 
@@ -588,6 +591,10 @@ def _noisy(variance: _Floats, freedom: int, tile: _Ints) -> Iterator[_Ints]:
         # The quantiles of equal pixels, in units of the median: chi-square over the degrees of freedom
         middle, tenth, last = (float(chdtri(freedom, p)) for p in (0.5, 0.1, _NOISE_P_VALUE / size))
         spread = max(math.log(q90 / q50 * middle / tenth), 0.0) / _TENTH if q50 > 0.0 else 0.0
+        chance = (
+            _SPREAD_ERROR * math.hypot(spread, math.sqrt(2.0 / freedom)) * math.sqrt(1.0 / len(samples) + 1.0 / size)
+        )
+        spread += 3.0 * chance
         usual = float(samples[samples <= q90].mean())
         factor = REACH * last / middle * math.exp(spread * float(-ndtri(0.1 / size)))
         limits[site] = max(float(q50), usual) * factor + LEAST_DN2, float(q50), size
