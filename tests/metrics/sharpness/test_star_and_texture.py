@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 import photosite as ps
 from photosite.metrics.chart_image import ChartImage
+from photosite.metrics.charts.placed_chart import placed_chart
 from photosite.metrics.measurement import Result
 from photosite.studies.virtual_charts import blurred, response
 
@@ -118,3 +119,32 @@ def test_texture_of_coarse_samples(width: int, pixel: int) -> None:
     for low in (0.05, 0.15, 0.25, 0.35):
         band = (curve.x >= low) & (curve.x < low + 0.1)
         assert ratio[band].mean() == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("width", "pixel"), [(2, 5), (4, 11), (3, 10)])
+def test_texture_of_fine_samples(width: int, pixel: int) -> None:
+    """Of 2.5, 2.75 and 3.33 samples in a pixel, each counts by its area; looked up once, they are 4 to 5 % off."""
+    count = 240 * pixel // width
+    options = {"smallest_radius": 1.0, "largest_radius": 60.0, "rows": count, "cols": count, "supersampling": 2}
+    scene = ps.charts.dead_leaves("D65", 100, **options).weights[0].astype(float)
+    side, end = count * width // pixel, count * width / pixel
+    fine = np.repeat(np.repeat(scene, width, 0), width, 1)[: side * pixel, : side * pixel]
+    image = fine.reshape(side, pixel, side, pixel).mean(axis=(1, 3))
+    corners = (0.0, 0.0), (0.0, end), (end, end), (end, 0.0)
+    curve = next(each for each in texture_sfr(image * 1000, options, corners=corners).curves if each.part == "M, cross")
+    ratio = curve.y / response(curve.x, 0.0)
+    for low in (0.05, 0.15, 0.25, 0.35):
+        band = (curve.x >= low) & (curve.x < low + 0.1)
+        assert ratio[band].mean() == pytest.approx(1.0, abs=0.015)
+
+
+def test_mean_over_a_rectangle_counts_samples_by_area() -> None:
+    """Against the plain mean of samples that are cut into tenths."""
+    options = {"rows": 40, "cols": 40, "supersampling": 2, "seed": 3}
+    image = ChartImage((np.ones((16, 16)),), "electrons")
+    placed = placed_chart(image, "dead-leaves", options=options)
+    tenths = np.repeat(np.repeat(placed.scene.weights[0].astype(float), 10, 0), 10, 1)
+    for row, col in ((12.3, 20.7), (1.4, 38.5)):
+        (r0, r1), (c0, c1) = ((round(10 * (at - 0.6)), round(10 * (at + 0.6))) for at in (row, col))
+        found = placed.gray_over(np.array([[row, col]]), (1.2, 1.2))
+        assert found[0] == pytest.approx(tenths[r0:r1, c0:c1].mean(), rel=1e-6)

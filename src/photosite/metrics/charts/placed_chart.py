@@ -133,12 +133,39 @@ class PlacedChart(Shown):
 
     def gray_of(self, points: Array) -> Array:
         """Return the chart at points of the scene, (..., 2) rows and columns of samples; as `gray_at`."""
-        if len(self.scene.weights) != 1:
-            raise InputError("chart", value=self.name, expected="gray")
+        self._check_gray()
         at = np.floor(points).astype(np.intp)
         rows, cols = self.scene.shape
         found = self.scene.weights[0][np.clip(at[..., 0], 0, rows - 1), np.clip(at[..., 1], 0, cols - 1)]
         return np.asarray(found, dtype=np.float64)
+
+    def gray_over(self, points: Array, size: tuple[float, float]) -> Array:
+        """Return the mean of the chart over upright rectangles around points of the scene; as `gray_of`.
+
+        Each sample counts by the area that a rectangle of `size` samples, rows and columns, shares with it.
+        """
+        from scipy.ndimage import map_coordinates
+
+        self._check_gray()
+        ends = [
+            (low := np.clip(points[..., axis] - 0.5 * extent, 0.0, whole - extent), low + extent)
+            for axis, (extent, whole) in enumerate(zip(size, self.scene.shape, strict=True))
+        ]
+        below = np.zeros(points.shape[:-1])
+        for row, sign in zip(ends[0], (-1.0, 1.0), strict=True):
+            for col, other in zip(ends[1], (-1.0, 1.0), strict=True):
+                below += sign * other * map_coordinates(self._integral, [row, col], order=1, mode="nearest")
+        return below / (size[0] * size[1])
+
+    @cached_property
+    def _integral(self) -> Array:
+        """Sum of the samples above and to the left of each corner of samples; between corners it is bilinear."""
+        total = np.cumsum(np.cumsum(self.scene.weights[0], axis=0, dtype=np.float64), axis=1)
+        return np.pad(total, ((1, 0), (1, 0)))
+
+    def _check_gray(self) -> None:
+        if len(self.scene.weights) != 1:
+            raise InputError("chart", value=self.name, expected="gray")
 
 
 def _scene_corners(scene: Scene) -> Corners:
