@@ -59,11 +59,12 @@ from photosite.frames.raw_frame import (
     stated_border,
 )
 from photosite.values.cfa import MONOCHROME, Cfa, channel_names, channel_sites, plane_names, tile_text
+from photosite.values.exif_time import DATE_TIME, OFFSET_TIME, SUBSEC_TIME
 from photosite.values.region import Border
 
 CFA, LINEAR_RAW = 32803, 34892
 NEW_SUBFILE_TYPE, MAKE, MODEL, EXPOSURE_TIME, ISO = 254, 271, 272, 33434, 34855
-F_NUMBER, FOCAL_LENGTH, DATE_TIME = 33437, 37386, 306
+F_NUMBER, FOCAL_LENGTH = 33437, 37386
 CFA_REPEAT_DIM, CFA_PATTERN = 33421, 33422
 DNG_VERSION, DNG_BACKWARD_VERSION, UNIQUE_CAMERA_MODEL = 50706, 50707, 50708
 CFA_PLANE_COLOR, CFA_LAYOUT = 50710, 50711
@@ -172,7 +173,12 @@ def _common_tags(frame: RawFrame) -> list[Tag]:
         if (value := frame.metadata.get(name)) is not None:
             tags.append((tag, "2I", 1, _ratio(float(value), name), True))
     if (taken := frame.metadata.get("date_time")) is not None:
-        tags.append((DATE_TIME, "s", 0, datetime.fromisoformat(str(taken)).strftime("%Y:%m:%d %H:%M:%S"), True))
+        at = datetime.fromisoformat(str(taken))
+        tags.append((DATE_TIME, "s", 0, at.strftime("%Y:%m:%d %H:%M:%S"), True))
+        if at.microsecond:
+            tags.append((SUBSEC_TIME, "s", 0, f"{at.microsecond:06d}", True))
+        if at.utcoffset() is not None:
+            tags.append((OFFSET_TIME, "s", 0, at.isoformat()[-6:], True))
     if frame.noise_profile is not None:
         profile = _by_plane(frame, frame.noise_profile, 2, "noise_profile")
         tags.append((NOISE_PROFILE, "d", profile.size, tuple(profile.ravel().tolist()), True))

@@ -34,6 +34,7 @@ from photosite.frames.raw_frame import RawFrame
 from photosite.frames.stored_numbers import NumberKind, StoredNumbers
 from photosite.frames.stored_rows import StoredRows
 from photosite.values.cfa import Cfa
+from photosite.values.exif_time import TIMES, iso_time
 from photosite.values.exposure import PER_SECOND
 
 SUB_IFDS, EXIF_IFD = 330, 34665
@@ -96,6 +97,10 @@ class Directory:
             if (number := directory.number(tag)) is not None:
                 return number
         return None
+
+    def exif_text(self, tag: int) -> str | None:
+        """Return a tag's text from the Exif directory, or from this one (TIFF/EP)."""
+        return next(filter(None, (each.text(tag) for each in (*self.children.get(EXIF_IFD, ()), self))), None)
 
 
 def read_directories(path: Path, *, strict: bool = True) -> list[Directory]:
@@ -409,7 +414,7 @@ def _check_not_hidden(path: Path, page: Directory) -> None:
 
 
 def camera_settings(page: Directory) -> dict[str, Any]:
-    """Return maker, model, ISO and orientation from Exif or TIFF/EP, under their names in `RawFrame.metadata`.
+    """Return maker, model, ISO, orientation and time from Exif or TIFF/EP, under their names in `RawFrame.metadata`.
 
     The orientation is that of the upright picture; pixels of a frame stay in the order in which they are stored.
     Exif keeps ISO in 16 bits; higher values are in RecommendedExposureIndex (CIPA DC-008, 4.6.6).
@@ -420,6 +425,8 @@ def camera_settings(page: Directory) -> dict[str, Any]:
     orientation = page.number(ORIENTATION)
     found = {"make": page.text(271), "model": page.text(272), "iso": iso or None}
     found["orientation"] = int(orientation) if orientation in range(2, 9) else None
+    times = (iso_time(*map(page.exif_text, tags)) for tags in TIMES)
+    found["date_time"] = next(filter(None, times), None)
     return {name: value for name, value in found.items() if value is not None}
 
 

@@ -21,6 +21,7 @@ from photosite.scene.options import ReadOptions
 from photosite.scene.picture_colors import OutsideSrgbError
 from photosite.scene.pictures import from_hdr, from_rgb
 from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
+from photosite.values.exif_time import TIMES, iso_time
 from photosite.values.orientation import turned_upright
 
 ORIENTATION = 0x0112
@@ -28,6 +29,7 @@ ORIENTATION = 0x0112
 TRANSPARENT = "is transparent in places"
 FLATTEN = "Flatten the picture to red, green and blue"
 
+_EXIF_IFD = 34665
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Of the display pictures that `read_codes` reads."""
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
@@ -60,6 +62,15 @@ def largest_quantization(path: Path) -> float | None:
     with _opened(path, "a PNG or JPEG picture") as picture:
         tables = getattr(picture, "quantization", None)
         return float(max(tables[min(tables)])) if tables else None
+
+
+def time_of(path: Path) -> str | None:
+    """Return the time that EXIF data of a PNG or JPEG file state, in ISO 8601; None where they state none."""
+    with _opened(path, "a PNG or JPEG picture") as picture:
+        exif = exif_of(picture)
+        tags = dict(exif) | dict(exif.get_ifd(_EXIF_IFD))
+    texts = ([value if isinstance(value := tags.get(tag), str) else None for tag in each] for each in TIMES)
+    return next(filter(None, (iso_time(*each) for each in texts)), None)
 
 
 def turned(codes: NDArray[Any], orientation: Any) -> NDArray[Any]:
