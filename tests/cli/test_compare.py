@@ -134,3 +134,31 @@ def test_invalid_calls(
     assert message in done.err
     assert done.err.count("\n") == 1
     assert not done.out
+
+
+def test_values_of_image_quality_are_columns(photosite: Any, tmp_path: Path) -> None:
+    """Any measurement of the chart: frames of one set-up agree, of half the light differ."""
+    set_up = ("--exposure", "1/20")
+    for name, exposure in (("same", "1/20"), ("dim", "1/40")):
+        size = ("--rows", "264", "--cols", "392", "--luminance", "200", "--illuminant", "D65")
+        photosite("simulate", "--scene", "macbeth", *size, "--exposure", exposure, "-o", str(tmp_path / f"{name}.dng"))
+    light = ("--luminance", "200", "--illuminant", "D65")
+    wanted = ("--value", "noise.snr_18_db.G", "--value", "oecf.exponent")
+    done = photosite("compare", str(tmp_path / "same.dng"), *set_up, *light, *wanted, "--json")
+    found = done.json["image_quality"]
+    assert found["agrees"]
+    assert [each["name"] for each in found["values"] if each["name"].startswith("noise")] == ["noise.snr_18_db.G"]
+    assert {each["name"].rpartition(".")[0] for each in found["values"]} == {"noise.snr_18_db", "oecf.exponent"}
+    two = photosite("compare", str(tmp_path / "same.dng"), str(tmp_path / "dim.dng"), "--value", "oecf.exponent.G")
+    assert "oecf.exponent.G" in two.out
+    wrong = photosite("compare", str(tmp_path / "same.dng"), *set_up, "--value", "edge-sfr.mtf50")
+    assert wrong.status == 2
+    assert "edge-sfr" in wrong.err
+
+
+def test_values_of_image_quality_need_mosaics(photosite: Any, tmp_path: Path) -> None:
+    file = tmp_path / "patches.csv"
+    file.write_text("patch,R_e,G_e,B_e\nwhite,100,100,100\n")
+    wrong = photosite("compare", str(file), "--value", "noise.snr_18_db")
+    assert wrong.status == 2
+    assert "mosaics" in wrong.err

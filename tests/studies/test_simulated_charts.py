@@ -116,3 +116,23 @@ def test_comparisons_take_values_of_image_quality() -> None:
     facts = of_sensors.facts()
     assert facts["mono"]["edge-sfr.mtf50.R"] is None
     assert facts["color"]["edge-sfr.mtf50.R"] is not None
+
+
+def test_dark_current_is_no_signal(camera: ps.Camera) -> None:
+    """The range is what dark current leaves, over the signal that equals read noise and the shot noise of both."""
+    sensor = camera.sensor.with_(dark_current_e_per_s=400)
+    warm = ps.Camera(camera.optics, sensor)
+    conditions = ChartConditions(16, 1, luminance_cd_m2=4.0, exposure_s=2.0)
+    found = measure_camera(warm, conditions, charts=["macbeth"], only=["noise"]).charts["macbeth"]["noise"]
+    gain, dark_e = sensor.system_gain_dn_per_e, 800.0
+    read_e = sensor.electrons(sensor.noise.read_noise_mv.value)
+    floor = read_e**2 + dark_e + 1.0 / 12.0 / gain**2
+    least = 0.5 + math.sqrt(0.25 + floor)  # S^2 = S + floor
+    truth = 20.0 * math.log10(((4095 - 100) / gain - dark_e) / least)
+    low, high = found["dynamic_range_db", "G"].interval_95 or (math.nan, math.nan)
+    assert low < truth < high
+    given = {"noise": {"dark_signal": 0.0}}
+    raw = measure_camera(warm, conditions, charts=["macbeth"], only=["noise"], options=given)
+    as_signal = raw.charts["macbeth"]["noise"]["dynamic_range_db", "G"].value
+    assert as_signal is not None
+    assert as_signal - truth > 3.0

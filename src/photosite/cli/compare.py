@@ -10,7 +10,7 @@ import numpy as np
 
 from photosite.cli import options
 from photosite.cli.command import Command, OptionSpelling
-from photosite.cli.output import listed, say_if_compiling, show, table, verdict
+from photosite.cli.output import listed, say_if_compiling, show, table, tabular, verdict
 
 if TYPE_CHECKING:
     from photosite.validation.patch_values import PatchComparison
@@ -55,10 +55,19 @@ _OF_SIMULATION = (*(name for name in _OF_OPTIONS if name != "sensor_name"), "int
 @options.distance_option("Distance from lens to chart, in m.", default=1.2)
 @options.lens_options()
 @options.exposure_option(text="Exposure time: 0.01, 1/100 or 10ms.", default="1/3")
+@click.option(
+    "--value",
+    "values",
+    multiple=True,
+    metavar="NAME",
+    help="A value of image quality of both mosaics, such as noise.snr_18_db.G; may be repeated.",
+)
 @options.seed_option()
 @options.json_option
 @click.pass_context
-def command(ctx: click.Context, /, other: Path, reference: Path | None, as_json: bool, **settings: Any) -> None:
+def command(
+    ctx: click.Context, /, other: Path, reference: Path | None, values: tuple[str, ...], as_json: bool, **settings: Any
+) -> None:
     """Compare another simulator's ColorChecker with photosite's simulation of the same set-up, or with a second file.
 
     OTHER is the output of the tool: patch values as CSV (patch,R_e,G_e,B_e in electrons; R_dn,... in DN above black) or
@@ -70,31 +79,37 @@ def command(ctx: click.Context, /, other: Path, reference: Path | None, as_json:
 
     Example: photosite compare patches.csv --sensor mine.sensor.yaml --illuminant D65 --exposure 1/30 --tolerance 0.5
 
+    Example: photosite compare other.dng --exposure 1/3 --value noise.snr_18_db --value color-accuracy.delta_e_2000_mean
+
     Example: photosite compare isetcam.mat --unit dn --variable sensor.data.dv
     """
     from photosite.validation.set_up import read_set_up
-    from photosite.validation.tool_comparison import compare
+    from photosite.validation.tool_comparison import compare, compare_tool_quality
 
     _check_options(other, reference, settings["set_up_file"])
     say_if_compiling()
     file = settings["set_up_file"] or (other if other.suffix.lower() == ".json" else None)
     set_up = _set_up(ctx, file, settings) if reference is None else None
-    values = _content(other, settings, set_up)
+    theirs = _content(other, settings, set_up)
     base = _content(reference, settings, set_up) if reference is not None else set_up
     assert base is not None
     test: dict[str, Any] = {name: settings[name] for name in ("tolerance_percent", "level", "seed")}
-    result = compare(values, base, **test)
+    result = compare(theirs, base, **test)
+    quality = compare_tool_quality(theirs, base, values, **test) if values else None
     case, hint = None, None
     if file is not None and set_up is not None:
         case = set_up.case
         if not result.agrees and settings["integration"] == "trapezoid":
             rectangle = read_set_up(file, case, integration="rectangle")[0]
-            if compare(values, rectangle, **test).agrees:
+            if compare(theirs, rectangle, **test).agrees:
                 hint = "they agree with the rectangle rule: --integration rectangle"
     named = [str(other), "photosite" if reference is None else str(reference)]
     lines = [line for line in (case and f"case: {case}", hint) if line]
     content = {"compared": named, "case": case, "hint": hint} | result.to_dict()
-    show(as_json, content, lambda: _text(named, result, lines))
+    if quality is not None:
+        content["image_quality"] = quality.to_dict()
+    text = _text(named, result, lines)
+    show(as_json, content, lambda: text if quality is None else f"{text}\n\n{tabular(quality)}")
 
 
 def _check_options(other: Path, reference: Path | None, set_up_file: Path | None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -95,6 +95,14 @@ class ChartImage(Shown):
     def channels(self) -> tuple[str, ...]:
         """Names of the channels; a picture has R, G, B and their luma Y."""
         return _PICTURE_CHANNELS if self.origin == "picture" else channel_names(self.cfa)
+
+    @property
+    def dark_signal(self) -> float:
+        """Mean signal of the sensor's dark current above black; 0 where sensor or exposure time are not known."""
+        if self.sensor is None or self.exposure_s is None or self.origin != "raw" or self.sensor.captures is not None:
+            return 0.0
+        dark_e = self.sensor.electrons(self.sensor.noise.dark_voltage_mv_per_s.value) * self.exposure_s
+        return float(dark_e * self.sensor.system_gain_dn_per_e)
 
     def density(self, channel: str) -> float:
         """Return the fraction of the pixels that have a channel."""
@@ -228,11 +236,12 @@ Frames = RawFrame | ArrayLike | str | PathLike[str] | Sequence[RawFrame] | Seque
 
 @dataclass(frozen=True, eq=False)
 class _Picture:
-    """Linear sRGB values of a picture file, how they became linear, and its largest quantization step."""
+    """Linear sRGB values of a picture file, how they became linear, its largest quantization step, and its time."""
 
     values: Array
     tone: Tone
     quantization: float | None = None
+    stamp: str | None = None
 
 
 def chart_image(
@@ -287,7 +296,15 @@ def chart_image(
         raise InputError("color space of the pictures", expected="stated by all or none")
     quantization = max((each.quantization for each in pictures if each.quantization is not None), default=None)
     (tone,) = tones
-    return ChartImage(tuple(arrays), "picture", white=1.0, tone=tone, quantization=quantization)
+    stamps = tuple(each.stamp for each in pictures if each.stamp)
+    return ChartImage(
+        tuple(arrays),
+        "picture",
+        white=1.0,
+        tone=tone,
+        quantization=quantization,
+        stamps=stamps if len(stamps) == len(arrays) else (),
+    )
 
 
 def _of_raw(frames: Sequence[RawFrame], sensor: Sensor | None) -> ChartImage:
@@ -321,14 +338,14 @@ def _of_raw(frames: Sequence[RawFrame], sensor: Sensor | None) -> ChartImage:
 def _read(path: str | PathLike[str], tone_curve: ToneCurveName, reading: dict[str, Any]) -> RawFrame | _Picture:
     """Return a raw frame, or a picture."""
     from photosite.frames.io.formats import is_own_output, read_raw
-    from photosite.scene.io.picture import largest_quantization, read_codes
+    from photosite.scene.io.picture import largest_quantization, read_codes, time_of
 
     file = Path(path)
     if file.suffix.lower() in (".jpg", ".jpeg", ".png") and (
         file.suffix.lower() != ".png" or is_own_output(file) or _is_color_png(file)
     ):
         codes, space = read_codes(file)
-        return _picture(codes, space, tone_curve, largest_quantization(file))
+        return replace(_picture(codes, space, tone_curve, largest_quantization(file)), stamp=time_of(file))
     if file.suffix.lower() in (".tif", ".tiff") and (found := _color_tiff(file)) is not None:
         return _picture(*found, tone_curve)
     return read_raw(path, **reading)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -12,7 +12,7 @@ from photosite.metrics.chart_image import ChartImage, Frames, ToneCurveName, cha
 from photosite.metrics.charts.placed_chart import PlacedChart, placed_chart
 from photosite.metrics.image_checks import image_diagnostics
 from photosite.metrics.measurement import COLUMNS, Measured, Result
-from photosite.metrics.registry import charts_measured, measurement, measurements
+from photosite.metrics.registry import ValueName, charts_measured, measurement, measurements
 from photosite.metrics.tone_curve import ToneCurve
 from photosite.sensor.model import Sensor
 from photosite.values.diagnostic import Diagnosed, Diagnostic
@@ -96,6 +96,18 @@ class ImageQuality(Tabular, Diagnosed, Reported):
     def with_results(self, other: ImageQuality) -> ImageQuality:
         """Return these results and those of other frames of the chart; image and chart are these."""
         return replace(self, results={**self.results, **other.results})
+
+    def only(self, names: Sequence[ValueName]) -> ImageQuality:
+        """Return the results with the named values only."""
+        kept: dict[str, Measured] = {}
+        for id, found in self.results.items():
+            own = [name for name in names if name.measurement == id]
+            if own and isinstance(found, Result):
+                chosen = {(name.quantity, part) for name in own for part in name.among(found.values)}
+                found = replace(found, values={key: each for key, each in found.values.items() if key in chosen})
+            if own:
+                kept[id] = found
+        return replace(self, results=kept)
 
     @property
     def table(self) -> ResultTable:

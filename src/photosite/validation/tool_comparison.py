@@ -18,15 +18,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.color.spectrum import Spectrum, energy_from_photons
 from photosite.errors import FileError, InputError, did_you_mean
 from photosite.files.mat import load_mat
 from photosite.files.small_files import read_small
 from photosite.frames.io.formats import raw_files, read_raw
 from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.color_checker import chart_regions
+from photosite.metrics.measure import measure
 from photosite.metrics.patches import patch_statistics
+from photosite.metrics.registry import ValueName, measurement
 from photosite.validation.frame_validation import MOST_SIMULATED
 from photosite.validation.patch_values import UNITS, PatchComparison, PatchValues, Unit, compare_values
+from photosite.validation.quality_comparison import QualityComparison, compare_quality
 from photosite.validation.result import Validation
 from photosite.validation.set_up import NAMES_DOWN_COLUMNS, SetUp
 from photosite.validation.validate import validate
@@ -363,6 +368,62 @@ def compare(
         well_e = reference.camera.sensor.pixel.well_capacity_e.value
         base = replace(base, saturated=base.mean >= well_e)
     return compare_values(values, base, tolerance_percent=tolerance_percent, level=level)
+
+
+def compare_tool_quality(
+    other: Content,
+    reference: Content | SetUp,
+    values: Sequence[str],
+    *,
+    tolerance_percent: float = 0.1,
+    level: float = 0.05,
+    seed: int = 0,
+) -> QualityComparison:
+    """Compare values of image quality of another simulator's ColorChecker with those of a reference.
+
+    Parameters
+    ----------
+    other, reference, tolerance_percent, level, seed
+        As for `compare`, mosaics only.
+    values
+        Names such as "noise.snr_18_db.G"; without a part, they stand for all parts.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or measured on other charts, or a side is not a mosaic.
+
+    Examples
+    --------
+    >>> import photosite as ps
+    >>> sensor = ps.load_sensor("nikon-d200").with_(rows=264, cols=392, black_level_dn=64)
+    >>> camera = ps.Camera(ps.DiffractionLimited(8, 50), sensor)
+    >>> set_up = SetUp.from_chart(camera, ps.charts.macbeth("A", 40), 1 / 3)
+    >>> theirs = set_up.frames((264, 392), seed=5, count=2)
+    >>> [each.name for each in compare_tool_quality(theirs, set_up, ["noise.snr_18_db.G"]).values]
+    ['noise.snr_18_db.G']
+    """
+    names = [ValueName.parse(value) for value in values]
+    for name in names:
+        if "macbeth" not in (known := measurement(name.measurement).charts):
+            expected = "measured on macbeth"
+            raise InputError("values", value=str(name), expected=expected, hint=f"It is measured on {', '.join(known)}")
+    made = _simulated(other, reference, seed) if isinstance(reference, SetUp) else reference
+    seen = reference.chart if isinstance(reference, SetUp) else None
+    light: dict[str, Any] = {}
+    if seen is not None:
+        energy = energy_from_photons(seen.light(), seen.wavelength_nm)
+        light = {"illuminant": Spectrum(seen.wavelength_nm, energy), "luminance_cd_m2": seen.mean_luminance_cd_m2()}
+    found = []
+    for content in (other, made):
+        if isinstance(content, PatchValues):
+            raise InputError("values", value=values[0], expected="those of mosaics; patch values show no others")
+        mosaic = isinstance(content, Mosaic)
+        image = ChartImage((content.electrons,), "electrons", content.cfa) if isinstance(content, Mosaic) else content
+        sensor = reference.camera.sensor if isinstance(reference, SetUp) and not mosaic else None
+        ids = dict.fromkeys(name.measurement for name in names)
+        found.append(measure(image, "macbeth", only=list(ids), sensor=sensor, **light).only(names))
+    return compare_quality(*found, level=level, tolerance_percent=tolerance_percent)
 
 
 def _simulated(other: Content, set_up: SetUp, seed: int) -> Content:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from dataclasses import replace
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
@@ -56,12 +58,19 @@ _MIDDLE, _REFERENCE = 0.18, 0.13
 Edition = Literal[2003, 2013]
 
 
-def _measure(image: ChartImage, chart: PlacedChart, *, edition: Edition = 2013) -> Result:
+def _measure(
+    image: ChartImage,
+    chart: PlacedChart,
+    *,
+    edition: Edition = 2013,
+    dark_signal: Annotated[float, Field(ge=0)] | None = None,
+) -> Result:
+    dark = image.dark_signal if dark_signal is None else dark_signal
     values: dict[tuple[str, str], Estimate] = {}
     curves: list[Curve] = []
     diagnostics: list[Diagnostic] = []
     for channel in image.channels:
-        patches = gray_patches(image, chart, channel)
+        patches = [replace(each, mean=each.mean - dark) for each in gray_patches(image, chart, channel)]
         clear = [patch for patch in patches if not patch.clipped]
         kinds = ("temporal", "fixed", "total") if len(image.frames) > 1 else ("total",)
         for kind in kinds:
@@ -75,7 +84,7 @@ def _measure(image: ChartImage, chart: PlacedChart, *, edition: Edition = 2013) 
         if model.limit < math.inf:
             limit = max(model.limit, 0.0)
             diagnostics.append(NOISE_STEPS(f"channel {channel}: noise has steps above a signal of {limit:.4g}", limit))
-        found = _values(image, clear, model, edition)
+        found = _values(image, clear, model, edition, dark)
         values |= {(name, channel): Estimate.of(value, "") for name, value in found.items()}
         alike, chance = _neighbors(image, chart, channel)
         if alike > max(_CORRELATED, _SIGNIFICANT * chance):
@@ -99,11 +108,16 @@ def _ratios(patches: list[GrayPatch], kind: str) -> tuple[Array, Array, Array]:
     return x, y, spread
 
 
-def _values(image: ChartImage, patches: list[GrayPatch], model: NoiseModel, edition: Edition) -> dict[str, Value]:
-    """Return ratios at 18 and 13 % of saturation, the signal at a ratio of 10, and the dynamic range."""
+def _values(
+    image: ChartImage, patches: list[GrayPatch], model: NoiseModel, edition: Edition, dark: float
+) -> dict[str, Value]:
+    """Return ratios at 18 and 13 % of saturation, the signal at a ratio of 10, and the dynamic range.
+
+    Charge of the dark current is noise, no signal: it takes part of the range, and its shot noise is in the floor.
+    """
     several = len(image.frames) > 1
     found: dict[str, Value] = {}
-    white = image.white - image.black
+    white = image.white - image.black - dark
     models = {"": model} | ({"_temporal": model.temporal, "_fixed": model.fixed} if several else {})
     for percent, part in ((18, _MIDDLE), (13, _REFERENCE)):
         for kind, each in models.items():
@@ -195,7 +209,8 @@ MEASUREMENT = Measurement(
             "dynamic range",
             "dB",
             "Saturation over the signal that equals its temporal noise (of one frame: total noise); with edition 2003, "
-            "over the noise of the darkest patch.",
+            "over the noise of the darkest patch. The mean dark signal (`dark_signal`, in the unit of the frames; by "
+            "default that of the sensor's dark current) is subtracted from both.",
         ),
         "fixed_pattern_percent": Quantity(
             "fixed pattern", "%", "Standard deviation of the fixed pattern over the signal, of bright patches."
@@ -203,8 +218,8 @@ MEASUREMENT = Measurement(
     },
     oracle="noise budget of the sensor in closed form",
     left_out=(
-        "Frames are taken as proportional to light: the incremental gain is constant, and charge of the dark current "
-        "counts as signal, so that long exposures have too large a dynamic range. A plane is fitted to each patch "
+        "Frames are taken as proportional to light: the incremental gain is constant. Without a sensor, the charge of "
+        "the dark current counts as signal unless `dark_signal` is given. A plane is fitted to each patch "
         "in place of a high-pass filter. The texts were not at hand: 13 % of saturation, half a stop below 18 %, and "
         "the black patch of 2003 are those of published descriptions (Imatest; D. A. Kerr, 2008), which name no other "
         "difference of the editions."
