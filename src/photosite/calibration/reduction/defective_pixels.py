@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import GroupStatistics, reference_dark
 from photosite.engine.frame_sums import FrameSums, LabelTotals
-from photosite.engine.outlying_pixels import Limits, Surface, fill_limits, outside
+from photosite.engine.outlying_pixels import Limits, Surface, distinct, fill_limits, outside
 from photosite.engine.site_planes import plane_shape
 from photosite.frames.frame_set import FrameSet
+from photosite.frames.repaired_frames import PixelReplacement
 from photosite.values.region import Region
 
 MOST_DEFECTIVE = 0.03
@@ -348,6 +349,7 @@ class PixelSurvey:
         self._groups: list[GroupStatistics] = []
         self.totals: dict[int, GroupTotals] = {}
         self._black, self._last = math.inf, 0.0
+        self._replaced: tuple[_Ints, PixelReplacement] | None = None
 
     def add(self, statistics: GroupStatistics, sums: FrameSums, totals: tuple[LabelTotals, ...]) -> bool:
         """Search the mean of a group, where it shows more than those before; return whether it has more `suspects`."""
@@ -366,7 +368,7 @@ class PixelSurvey:
             total = sums.sum
             found = [*self._by_part(lambda part, tile: [_outliers(part, sums.count, tile)], total)]
             self._suspects.append((statistics, np.concatenate([np.zeros(0, np.int64), *found])))
-            self._all = np.union1d(self._all, self._suspects[-1][1])
+            self._all = distinct(np.concatenate([self._all, self._suspects[-1][1]]))
         return len(self.suspects()) > before
 
     def _by_part(
@@ -382,6 +384,15 @@ class PixelSurvey:
     def suspects(self) -> _Ints:
         """Return the pixels found so far, if they are few: their numbers are then kept while frames are read."""
         return self._all[: len(self._all) if len(self._all) <= MOST_WATCHED * self.shape[0] * self.shape[1] else 0]
+
+    def replacement(self, index: _Ints | None) -> PixelReplacement:
+        """Return the replacement of pixels, given as numbers in order; the one before, if it is of the same pixels."""
+        wanted = np.zeros(0, np.int64) if index is None else index
+        if self._replaced is None or not np.array_equal(self._replaced[0], wanted):
+            bad = np.zeros(self.shape, np.bool_)
+            bad.flat[wanted] = True
+            self._replaced = wanted, PixelReplacement.of(bad, self.tile.shape)
+        return self._replaced[1]
 
     def add_noise(self, sums: FrameSums) -> bool:
         """Search the temporal variances of a group, whose sums have the squares, and return whether it has more."""
@@ -402,7 +413,7 @@ class PixelSurvey:
     def found(self) -> _Ints | None:
         """Return the defective pixels, as numbers in the order of the rows; None without any, or with too many."""
         chosen = [found for entry, found in self._suspects if entry.group.kind == "dark" or self._clear(entry)]
-        index = np.unique(np.concatenate([*chosen, *self._noisy, np.zeros(0, np.int64)]))
+        index = distinct(np.concatenate([*chosen, *self._noisy, np.zeros(0, np.int64)]))
         return index if 0 < len(index) <= MOST_DEFECTIVE * self.shape[0] * self.shape[1] else None
 
     def _clear(self, entry: GroupStatistics) -> bool:
@@ -500,8 +511,10 @@ def _limits(residual: _Floats, pixels: int, least: float) -> _Limits:
     """Return the distances that only defective pixels reach."""
     from scipy.special import ndtri
 
-    ordered = np.sort(residual)
-    q10, q25, q50, q75, q90 = (float(_sorted_quantile(ordered, part)) for part in (0.1, 0.25, 0.5, 0.75, 0.9))
+    parts = 0.1, 0.25, 0.5, 0.75, 0.9
+    places = np.floor(np.multiply(parts, len(residual) - 1)).astype(np.int64)
+    ordered = np.partition(residual, sorted({*places.tolist(), *np.minimum(places + 1, len(residual) - 1).tolist()}))
+    q10, q25, q50, q75, q90 = (float(_sorted_quantile(ordered, part)) for part in parts)
     last = float(-ndtri(0.1 / pixels))
     chance = _GROWTH_ERROR * math.sqrt(1.0 / len(residual) + 1.0 / pixels)
 

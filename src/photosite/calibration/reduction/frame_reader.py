@@ -26,6 +26,7 @@ from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.calibration.reduction.turned_frames import MOST_COMPARED, TURNED_FRAME, how_turned, middle
 from photosite.engine.frame_sums import FrameSums, MeanFrame
 from photosite.engine.lazy_maps import is_large
+from photosite.engine.outlying_pixels import distinct
 from photosite.engine.process import return_large_arrays
 from photosite.engine.threads import computed_beside, thread_count
 from photosite.errors import FileError
@@ -292,7 +293,7 @@ class FrameReader:
 
     def watch(self, replacement: PixelReplacement) -> None:
         """Keep the numbers of these pixels, and of their sources, of the groups that are read from now on."""
-        self._watched = np.unique(self._places(replacement))
+        self._watched = distinct(self._places(replacement))
 
     def _places(self, replacement: PixelReplacement) -> NDArray[np.int64]:
         cols = self._shape[1]

@@ -146,7 +146,7 @@ def _find_defective_pixels(reader: FrameReader, reduction: Reduction, survey: Pi
     Dark frames whose pixels differ in noise are read again for the variance of each pixel, and so are flat fields whose
     pixels differ by more than uneven light makes them, until one shows no more pixels.
     """
-    replacement = _replacement(reader, survey.found())
+    replacement = survey.replacement(survey.found())
     for index, entry in enumerate(reduction.darks):
         reference = index == reduction.reference
         if survey.noise_differs(entry, reference=reference) and survey.noise_differs(
@@ -156,7 +156,7 @@ def _find_defective_pixels(reader: FrameReader, reduction: Reduction, survey: Pi
             survey.add_noise(reader.sums(entry.group, variance=True))
     noisy = survey.noisy_flats(reduction.lights)
     if noisy:
-        replacement = _replacement(reader, survey.found())
+        replacement = survey.replacement(survey.found())
         noisy = survey.noisy_flats([_with_replaced(reader, entry, survey, replacement) for entry in noisy])
     for entry in noisy:
         reader.expect(entry.frames)
@@ -166,21 +166,13 @@ def _find_defective_pixels(reader: FrameReader, reduction: Reduction, survey: Pi
     return survey.found()
 
 
-def _replacement(reader: FrameReader, index: NDArray[np.int64] | None) -> PixelReplacement:
-    """Return the replacement of pixels, given as numbers in the order of the rows."""
-    bad = np.zeros((reader.frames.rows, reader.frames.cols), np.bool_)
-    if index is not None:
-        bad.flat[index] = True
-    return PixelReplacement.of(bad, reader.tile.shape)
-
-
 def _without_pixels(reader: FrameReader, before: Reduction, survey: PixelSurvey, index: NDArray[np.int64]) -> Reduction:
     """Return a reduction after its defective pixels are replaced in all frames, and in those that are read later.
 
     `index` are numbers in the order of the rows, and `survey` has the totals of the groups. The sums are exact; of the
     frames, only the numbers of these pixels and of those that replace them are read.
     """
-    replacement = _replacement(reader, index)
+    replacement = survey.replacement(index)
     own, other = replacement.bad, replacement.sources
     taken = TakenFrames(before.frames, before.used)
     entries = [_with_replaced(reader, entry, survey, replacement) for entry in (*before.darks, *before.lights)]
@@ -276,7 +268,7 @@ def _reduce(reader: FrameReader, survey: PixelSurvey | None) -> tuple[Reduction,
         statistics = _statistics(group, sums, totals)
         samples[id(group)] = sums.sum[rows, cols] / sums.count
         if survey is not None and survey.add(statistics, sums, totals):
-            reader.watch(_replacement(reader, survey.suspects()))
+            reader.watch(survey.replacement(survey.suspects()))
         return statistics, sums
 
     planned = reader.frames.of_kind("dark")

@@ -245,7 +245,9 @@ def _box_means(plane: F64) -> F64:
 def _spread(plane: F64) -> float:
     """Return the standard deviation by the median of the absolute values."""
     step = max(plane.size // _SAMPLES, 1) | 1  # odd: of all columns
-    return 1.4826 * float(np.median(np.abs(plane.ravel()[::step])))
+    values = np.abs(plane.ravel()[::step])
+    middle = [(values.size - 1) // 2, values.size // 2]
+    return 1.4826 * float(np.partition(values, middle)[middle].mean())  # NumPy's median takes longer
 
 
 @dataclass(frozen=True)
