@@ -12,11 +12,19 @@ from photosite.frames.frame_set import FrameSet
 DARK_S = (0.2, 0.5, 1.0, 2.0)
 
 
-def calibrated(gain: float, read_dn: float, black: float, dark_e_per_s: float, seed: int) -> Calibration:
-    """Return the calibration of 8-bit frames up to 0.9 of the full scale, with a DSNU of 0.025 DN."""
+def calibrated(
+    gain: float,
+    read_dn: float,
+    black: float,
+    dark_e_per_s: float,
+    seed: int,
+    dark_s: tuple[float, ...] = DARK_S,
+    brightest: float = 0.9,
+) -> Calibration:
+    """Return the calibration of 8-bit frames up to a fraction of the full scale, with a DSNU of 0.025 DN."""
     rng, shape = np.random.default_rng([seed, 8]), (96, 120)
     response, offset = 1.0 + rng.normal(0.0, 0.008, shape), rng.normal(black, 0.025, shape)
-    per_s = 0.9 * (255.0 - black) / gain / 2.0
+    per_s = brightest * (255.0 - black) / gain / 2.0
 
     def frame(kind: str, exposure_s: float) -> np.ndarray:
         light = per_s * exposure_s * response if kind == "light" else 0.0
@@ -24,7 +32,7 @@ def calibrated(gain: float, read_dn: float, black: float, dark_e_per_s: float, s
         dn = gain * electrons + offset + rng.normal(0.0, read_dn, shape)
         return np.clip(np.rint(dn), 0, 255).astype(np.uint16)
 
-    taken = [("dark", t, frame("dark", t)) for t in DARK_S for _ in range(6)]
+    taken = [("dark", t, frame("dark", t)) for t in dark_s for _ in range(6)]
     taken += [("light", 0.2 * k, frame("light", 0.2 * k)) for k in range(1, 11) for _ in range(4)]
     return calibrate(FrameSet.from_arrays(taken, bits=8))
 
@@ -90,3 +98,12 @@ def test_the_saturation_of_full_wells_with_little_noise_is_not_exact() -> None:
     low, high = calibrate(FrameSet.from_arrays(taken, bits=10)).saturation_dn.interval_95
     assert low < 455.951 < high
     assert high - low < 0.5
+
+
+def test_noise_that_is_hidden_at_all_exposures_is_hidden_at_zero() -> None:
+    """Rounding errors of long dark frames, extrapolated to exposure zero, make the variance there -0.05 +- 0.3 DN2."""
+    found = calibrated(0.0249, 0.07, 2.746, 11.0, seed=4, dark_s=(0.83, 0.96, 1.12, 1.3, 1.52, 1.77), brightest=1.2)
+    dark_noise_e = (0.24 / found.system_gain_dn_per_e.value**2 + 0.25) ** 0.5 + 0.5
+    assert found.dynamic_range_db.value == pytest.approx(
+        20.0 * np.log10(found.saturation_capacity_e.value / dark_noise_e), rel=1e-9
+    )

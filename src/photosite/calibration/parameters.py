@@ -344,8 +344,10 @@ def _threshold_e(m: Measurements) -> tuple[Value, str]:
     Where quantization hides the noise, it is the least variance that can be measured, as EMVA 1288 has it.
     """
     dark, least, text = m.dark_variance, least_dark_variance(m), "dark variance"
+    # At the exposure of the frames; at exposure zero, rounding errors are extrapolated.
+    hidden = isinstance(m.read_variance, Uncertain) and m.read_variance.value + QUANTIZATION_DN2 < least
     if isinstance(dark, Uncertain) and dark.value < least:
-        if dark.value < 0.0 and dark.standard_uncertainty > least:
+        if dark.value < 0.0 and dark.standard_uncertainty > least and not hidden:
             return NEGATIVE_DARK_VARIANCE.missing(
                 "the dark temporal variance is negative at exposure zero; take shorter dark frames"
             ), text
