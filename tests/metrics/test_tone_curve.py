@@ -17,6 +17,7 @@ from PIL import Image, ImageCms, PngImagePlugin
 
 from photosite.cli.main import run
 from photosite.color.colorimetry import light_from_srgb, srgb_from_light
+from photosite.develop.develop import save_picture
 from photosite.errors import FileError, InputError
 from photosite.metrics import image_checks
 from photosite.metrics.block_transform import quantization_step
@@ -176,3 +177,10 @@ def test_fine_compression_is_seen_in_coefficients(quality: int) -> None:
             step = quantization_step(light_from_srgb(compressed(encoded, quality)))
             assert step is not None
             assert 2 <= step <= 30
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png"])
+def test_developed_pictures_state_their_color_space(name: str, tmp_path: Path) -> None:
+    picture = np.random.default_rng(1).uniform(0.2, 0.8, (16, 24, 3)).astype(np.float32)
+    save_picture(picture, tmp_path / name)
+    assert chart_image([tmp_path / name]).tone == "stated"

@@ -17,6 +17,7 @@ from photosite.report.page import Gallery, Page, Tile, Tiles
 from photosite.report.write import render_page
 from photosite.studies.virtual_charts import virtual_edge
 from photosite.values.estimate import Estimate
+from photosite.values.uncertain import Missing
 
 
 @pytest.fixture(scope="module")
@@ -82,3 +83,9 @@ def test_one_of_several_charts_is_shown(edge: ImageQuality) -> None:
         charts[name] = replace(edge, chart=replace(edge.chart, name=name), results={"oecf": result})
     (tile,) = tiles(camera_quality_page(CameraQuality("gray", charts)))
     assert (tile.text, tile.label) == ("2.000", "exponent, M (macbeth)"), "the first chart of the measurement"
+
+
+def test_a_photograph_without_a_value_is_named(edge: ImageQuality) -> None:
+    without = replace(edge, results={**edge.results, "edge-sfr": Missing("saturated")})
+    html = render_page(camera_quality_page(CameraQuality("two", {"edge": edge, "corner": without})))
+    assert "Not measured, with the reasons below: moving-edge, edge-sfr (corner)." in html

@@ -353,6 +353,17 @@ def _codes(picture: NDArray[Any], bits: int) -> NDArray[np.unsignedinteger]:
     return codes
 
 
+def with_color_space(jpeg: bytes) -> bytes:
+    """Return a JFIF file with the Exif color space sRGB (CIPA DC-008-2019, 4.6.6), behind its first segment."""
+    from PIL import Image
+
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA001] = 1  # ColorSpace of the Exif IFD
+    content = exif.tobytes()
+    end = 4 + int.from_bytes(jpeg[4:6], "big")
+    return jpeg[:end] + b"\xff\xe1" + (len(content) + 2).to_bytes(2, "big") + content + jpeg[end:]
+
+
 def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: int = 8) -> None:
     """Write a developed picture as PNG or JPEG.
 
@@ -375,7 +386,7 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
     References
     ----------
     ISO/IEC 15948 (PNG), with an sRGB chunk; Pillow has no 16-bit color. ISO/IEC 10918-5 (JFIF), quality 95, all
-    channels at full resolution.
+    channels at full resolution, with the color space of Exif.
 
     Examples
     --------
@@ -413,6 +424,6 @@ def save_picture(picture: NDArray[np.float32], path: str | PathLike[str], bits: 
     else:
         from imagecodecs import jpeg8_encode
 
-        encoded = jpeg8_encode(codes, level=95, subsampling="444")
+        encoded = with_color_space(bytes(jpeg8_encode(codes, level=95, subsampling="444")))
     with atomic_path(target) as temporary:
         temporary.write_bytes(encoded)

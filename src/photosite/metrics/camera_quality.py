@@ -28,8 +28,8 @@ class CameraQuality(Tabular, Diagnosed, Reported):
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:  # type: ignore[override]  # of all charts
-        """Diagnostics of all charts."""
-        return tuple(entry for quality in self.charts.values() for entry in quality.diagnostics)
+        """Diagnostics of all charts, with their names."""
+        return tuple(entry.within(name) for name, quality in self.charts.items() for entry in quality.diagnostics)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, for JSON."""

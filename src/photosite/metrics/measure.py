@@ -13,6 +13,7 @@ from photosite.metrics.charts.placed_chart import PlacedChart, placed_chart
 from photosite.metrics.image_checks import image_diagnostics
 from photosite.metrics.measurement import COLUMNS, Measured, Result
 from photosite.metrics.registry import ValueName, charts_measured, measurement, measurements
+from photosite.metrics.tone.gray_patches import GRAY_CHARTS, patch_diagnostics
 from photosite.metrics.tone_curve import ToneCurve
 from photosite.sensor.model import Sensor
 from photosite.values.diagnostic import Diagnosed, Diagnostic
@@ -213,4 +214,5 @@ def measure(
             found[name] = entry(image, chart, **given.given())
         except InputError as error:
             found[name] = Missing(str(error))
-    return ImageQuality(image, chart, found, image_diagnostics(image))
+    uneven = patch_diagnostics(image, chart) if chart.name in GRAY_CHARTS else ()
+    return ImageQuality(image, chart, found, (*image_diagnostics(image), *uneven))

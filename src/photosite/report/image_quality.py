@@ -119,7 +119,12 @@ def _overview(
         warning = any(entry.severity == "warning" for entry in diagnostics)
         lines.append(Notice(f"Diagnostics, explained below: {named}.", warning=warning))
     made = {each.measurement.id for each in shown}
-    absent = dict.fromkeys(id for quality in charts.values() for id in quality.results if id not in made)
+    absent = dict.fromkeys(
+        _titled(id, name if id in made and len(charts) > 1 else "")
+        for name, quality in charts.items()
+        for id, found in quality.results.items()
+        if isinstance(found, Missing)
+    )
     if absent:
         lines.append(Paragraph(f"Not measured, with the reasons below: {', '.join(absent)}."))
     return (*heading, Tiles(strip), *lines, Gallery((*pictures, *cards)))

@@ -13,7 +13,7 @@ _MOST_TILES = 24
 def quality_comparison_page(found: QualityComparison) -> Page:
     """Return the report of a comparison as a page: first the values that differ, the largest differences first."""
     counts = ", ".join(f"{verdict} {count}" for verdict, count in found.count.items())
-    lead = f"Measured and simulated values {'agree' if found.agrees else 'differ'}: {counts}."
+    lead = f"Measured and simulated values {'agree' if found.agrees else 'differ'} ({counts})."
     differing = [each for each in found.values if each.verdict == "differs"]
     differing.sort(key=lambda each: -abs(each.score or 0.0))
     tiles = tuple(_tile(each) for each in differing[:_MOST_TILES])
@@ -24,7 +24,7 @@ def quality_comparison_page(found: QualityComparison) -> Page:
         rows.append(Heading(chart))
         rows += [_row(each) for each in found.values if each.chart == chart]
     titles = columns(
-        *("Value", numeric("Measured"), numeric("Simulated"), numeric("Difference / uncertainty")), "Unit", "Verdict"
+        *("Value", "Verdict", numeric("Difference / uncertainty"), numeric("Measured"), numeric("Simulated"), "Unit")
     )
     caption = "Values ± standard uncertainties"
     footer = f"False-alarm rate of the table {found.level:g}, tolerance {found.tolerance_percent:g} %."
@@ -40,9 +40,9 @@ def _tile(each: ComparedValue) -> Tile:
     measured, simulated = value_text(each.measured), value_text(each.simulated)
     note = f"measured {measured}, simulated {simulated} {each.quantity.unit}".rstrip()
     score = _score(each)
-    return Tile(f"{each.name} ({each.chart})", f"{score} uncertainties" if score else "differs", note, "fail")
+    return Tile(f"{each.name} ({each.chart})", f"{score} σ" if score else "differs", note, "fail")
 
 
 def _row(each: ComparedValue) -> tuple[str, ...]:
     values = (value_text(each.measured), value_text(each.simulated))
-    return (each.name, *values, _score(each), each.quantity.unit, each.verdict)
+    return (each.name, each.verdict, _score(each), *values, each.quantity.unit)

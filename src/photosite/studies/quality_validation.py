@@ -84,7 +84,7 @@ def _from_dict(content: Mapping[str, Any]) -> MeasuredChart:
     results: dict[str, Measured] = {}
     for id, entry in content["results"].items():
         if content["origin"] != "raw":
-            results[id] = Missing(f"simulated frames are raw, those measured are of kind '{content['origin']}'")
+            results[id] = Missing(f"simulated frames are raw, those of the photograph are '{content['origin']}'")
             continue
         if "values" not in entry:
             results[id] = Missing(entry["reason"])

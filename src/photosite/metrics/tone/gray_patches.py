@@ -12,6 +12,7 @@ from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.plane_fit import without_plane
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 from photosite.values.region import Patch
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Uncertain
@@ -113,16 +114,43 @@ def _increasing(signal: Array) -> Array:
 
 def check_structure(image: ChartImage, chart: PlacedChart) -> None:
     """Raise `InputError` where most bright gray patches are not even inside: blurred, or not where the corners say."""
-    found = image.shared(("structure", chart), lambda: _structure(image, chart))
-    if found > _STRUCTURE:
+    found = list(_relative_structure(image, chart).values())
+    if found and (size := float(np.median(found))) > _STRUCTURE:
         expected = f"at most {_STRUCTURE} of their signal"
         hint = "Focus the chart, and check its corners"
-        raise InputError("structure inside gray patches", value=found, expected=expected, hint=hint)
+        raise InputError("structure inside gray patches", value=size, expected=expected, hint=hint)
 
 
-def _structure(image: ChartImage, chart: PlacedChart) -> float:
-    """Return the median over bright gray patches of the relative spread of nine parts of a patch about a plane."""
-    found = []
+def patch_diagnostics(image: ChartImage, chart: PlacedChart) -> tuple[Diagnostic, ...]:
+    """Return the diagnostic of gray patches that are not even inside, if any is."""
+    uneven = {name: size for name, size in _relative_structure(image, chart).items() if size > _STRUCTURE}
+    if not uneven:
+        return ()
+    worst = max(uneven.values())
+    text = f"parts of patches differ by up to {100.0 * worst:.2g} % of the signal, beyond noise and a plane"
+    return (UNEVEN_PATCHES(f"{text}: {', '.join(uneven)}", worst),)
+
+
+UNEVEN_PATCHES = DiagnosticKind(
+    "uneven-patches",
+    "warning",
+    "Gray patches are not even inside: parts of them differ by more than noise and a slope explain.",
+    "Noise is too large, and means are too, where a patch holds part of its neighbor or dirt.",
+    "Give the corners of the chart; with lens distortion, photograph it smaller, in the middle of the frame.",
+    ("snr_*", "dynamic_range_db", "signal_snr_10", "fixed_pattern_percent", "exponent", "signal_per_luminance",
+     "saturation", "noise_40", "noise_10", "probability"),
+    "Spread of the means of nine parts of a patch over its signal.",
+    "1 of 7000 patches.",
+)  # fmt: skip
+
+
+def _relative_structure(image: ChartImage, chart: PlacedChart) -> dict[str, float]:
+    """Return the relative spread of nine parts about a plane of the bright gray patches, by name."""
+    return image.shared(("structure", chart), lambda: _measured_structure(image, chart))
+
+
+def _measured_structure(image: ChartImage, chart: PlacedChart) -> dict[str, float]:
+    found = {}
     for patch in (patch for patch, gray in zip(chart.patches, chart.gray, strict=True) if gray):
         values = image.pixels(patch, image.sharp_channel).mean(axis=0)
         if values.size < _LEAST_PIXELS:
@@ -133,10 +161,9 @@ def _structure(image: ChartImage, chart: PlacedChart) -> float:
         cell = 3 * down + along
         count = np.maximum(np.bincount(cell, minlength=9), 1)
         excess = float(np.mean((np.bincount(cell, rest, 9) / count) ** 2 - 3.0 * rest.var() / count))  # beyond chance
-        found.append((float(values.mean()), math.sqrt(max(excess, 0.0))))
-    brightest = max((mean for mean, _ in found), default=0.0)
-    relative = [spread / mean for mean, spread in found if mean > _BRIGHT * brightest > 0.0]
-    return float(np.median(relative)) if relative else 0.0
+        found[patch.name] = (float(values.mean()), math.sqrt(max(excess, 0.0)))
+    brightest = max((mean for mean, _ in found.values()), default=0.0)
+    return {name: spread / mean for name, (mean, spread) in found.items() if mean > _BRIGHT * brightest > 0.0}
 
 
 def _measured(image: ChartImage, patch: Patch, channel: str, luminance: float) -> GrayPatch:

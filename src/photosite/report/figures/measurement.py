@@ -105,14 +105,15 @@ def curve_figures(result: Result) -> list[Figure]:
     return [_curve_figure(curves, new_figure(3.4)) for curves in figures_of(result).values()]
 
 
-def _curve_figure(curves: list[Curve], new: tuple[Figure, Axes], columns: int = 6) -> Figure:
+def _curve_figure(curves: list[Curve], new: tuple[Figure, Axes], small: bool = False) -> Figure:
     figure, axes = new
     draw_curves_of(axes, curves)
     if curves[0].ends is not None:
         legend_above(figure)
     elif 1 < len(curves) <= _MOST_NAMED:
         longest = max(len(curve.part) for curve in curves)
-        legend_above(figure, columns=columns if longest < _SHORT_NAME else columns // 2)
+        few, many = (2, 4) if small else (3, 6)
+        legend_above(figure, columns=many if longest < (_SHORT_NAME // 2 if small else _SHORT_NAME) else few)
     return figure
 
 
@@ -136,7 +137,7 @@ def small_figure(result: Result, channel: str) -> Figure | None:
         named = len(curves) <= _MOST_SMALL or curves[0].ends is not None
         curves = curves if named else list(of_channel(curves, channel))
         axes = figure.subplots()
-        _curve_figure(curves, (figure, axes), columns=4)
+        _curve_figure(curves, (figure, axes), small=True)
         if axes.get_yscale() == "linear" and (shown := _certain(curves)) is not None:
             axes.set_ylim(*shown)
     else:
@@ -150,7 +151,7 @@ def _certain(curves: list[Curve]) -> tuple[float, float] | None:
     """Return limits of an axis that leave out values hidden by noise; None where these are few, or most."""
     y = np.concatenate([curve.y for curve in curves])
     spreads = [np.zeros_like(curve.y) if (u := curve.standard_uncertainty) is None else u for curve in curves]
-    certain = y[np.isfinite(y) & (np.concatenate(spreads) < _CERTAIN * np.nanmax(np.abs(y)))]
+    certain = y[np.isfinite(y) & (np.concatenate(spreads) < _CERTAIN * np.nanpercentile(np.abs(y), 75))]
     if not y.size / 2 < certain.size < y.size:
         return None
     margin = 0.1 * float(np.ptp(certain))
