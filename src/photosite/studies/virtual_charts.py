@@ -169,10 +169,12 @@ def virtual_noise(random: np.random.Generator) -> VirtualNoise:
     )
 
 
-def blurred(fine: Array, cells: int, sigma_px: float) -> Array:
-    """Return an image of square pixels of `cells` x `cells` points under a Gaussian blur."""
+def blurred(fine: Array, cells: int, sigma_px: float, *, squares: bool = False) -> Array:
+    """Return an image of square pixels of `cells` x `cells` points, or of as many squares, under a Gaussian blur."""
     fy, fx = (np.fft.fftfreq(size) * cells for size in fine.shape)  # cycles per pixel
     gauss = np.exp(-2.0 * (np.pi * sigma_px) ** 2 * (fy[:, None] ** 2 + fx**2))
+    if squares:  # once for the squares, and once as the sum of points becomes that over the pixel
+        gauss *= np.sinc(fy[:, None] / cells) ** 2 * np.sinc(fx / cells) ** 2
     smooth: Array = np.fft.ifft2(np.fft.fft2(fine) * gauss).real
     rows, cols = (size // cells for size in fine.shape)
     return np.asarray(smooth.reshape(rows, cells, cols, cells).mean(axis=(1, 3)))

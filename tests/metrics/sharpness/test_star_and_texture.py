@@ -18,24 +18,25 @@ from photosite.studies.virtual_charts import blurred, response
 
 CELLS, SIDE, SIGMA = 3, 240, 0.5
 BAYER = (("R", "G"), ("G", "B"))
-"""Samples of the charts are means over their area: with the points of a pixel they make a square pixel."""
+"""Samples of a star are means over their area: with the points of a pixel they make a square pixel. Those of a texture
+are the texture, as squares."""
 TRUE_MTF50 = float(brentq(lambda f: float(response(np.array(f), SIGMA)) - 0.5, 0.05, 0.5))
 
 
-def chart(name: str, **options: Any) -> tuple[NDArray[np.float64], dict[str, Any]]:
+def chart(name: str, *, squares: bool, **options: Any) -> tuple[NDArray[np.float64], dict[str, Any]]:
     options |= {"rows": CELLS * SIDE, "cols": CELLS * SIDE}
     scene = getattr(ps.charts, name)("D65", 100, **options)
-    return blurred(scene.weights[0].astype(float), CELLS, SIGMA), options
+    return blurred(scene.weights[0].astype(float), CELLS, SIGMA, squares=squares), options
 
 
 @pytest.fixture(scope="module")
 def star() -> tuple[NDArray[np.float64], dict[str, Any]]:
-    return chart("siemens_star", cycles=36)
+    return chart("siemens_star", squares=False, cycles=36)
 
 
 @pytest.fixture(scope="module")
 def leaves() -> tuple[NDArray[np.float64], dict[str, Any]]:
-    return chart("dead_leaves", smallest_radius=2.0, largest_radius=100.0, supersampling=4)
+    return chart("dead_leaves", squares=True, smallest_radius=2.0, largest_radius=100.0, supersampling=4)
 
 
 def star_sfr(values: Any, options: dict[str, Any]) -> Result:
@@ -66,13 +67,18 @@ def test_star_of_a_mosaic(star: tuple[NDArray[np.float64], dict[str, Any]]) -> N
     assert np.abs(curve.y - response(curve.x, SIGMA)).max() < 0.02
 
 
-def test_texture_is_the_blur(leaves: tuple[NDArray[np.float64], dict[str, Any]]) -> None:
-    found = texture_sfr(leaves[0] * 1000, leaves[1])
+@pytest.mark.parametrize("fall", [0.0, 0.1])
+@pytest.mark.parametrize("off", [0.0, 0.7])
+def test_texture_is_the_blur(leaves: tuple[NDArray[np.float64], dict[str, Any]], fall: float, off: float) -> None:
+    """Without noise, in light that falls to one side, and for corners that are off; the aliases are below 0.001."""
+    light = 1.0 + fall * np.linspace(-1.0, 1.0, SIDE)
+    corners = ((off, 0.0), (0.0, SIDE - off), (SIDE - off, SIDE), (SIDE, off))
+    found = texture_sfr(leaves[0] * 1000 * light, leaves[1], corners=corners)
     for curve in found.curves:
-        shown = curve.x < 0.3
-        assert np.abs(curve.y - response(curve.x, SIGMA, CELLS))[shown].max() < 0.015, curve.part
-    truth = brentq(lambda f: float(response(np.array(f), SIGMA, CELLS)) - 0.5, 0.05, 0.5)
-    assert found["mtf50_cross", "M"].value == pytest.approx(truth, rel=0.01)
+        shown = curve.x < 0.35
+        assert np.abs(curve.y - response(curve.x, SIGMA))[shown].max() < 0.003, curve.part
+    for kind in ("cross", "direct"):
+        assert found[f"mtf50_{kind}", "M"].value == pytest.approx(TRUE_MTF50, rel=0.0025)
 
 
 def test_texture_of_noisy_mosaic_and_wrong_corners(leaves: tuple[NDArray[np.float64], dict[str, Any]]) -> None:
@@ -83,7 +89,7 @@ def test_texture_of_noisy_mosaic_and_wrong_corners(leaves: tuple[NDArray[np.floa
     found = texture_sfr(ChartImage(frames, "raw", BAYER, white=1e5), leaves[1], corners=corners)
     curve = next(each for each in found.curves if each.part == "G, cross")
     assert curve.standard_uncertainty is not None
-    away = np.abs(curve.y - response(curve.x, SIGMA, CELLS)) / (curve.standard_uncertainty + 0.005)
+    away = np.abs(curve.y - response(curve.x, SIGMA)) / (curve.standard_uncertainty + 0.005)
     assert away[curve.x < 0.35].max() < 4.0
 
 

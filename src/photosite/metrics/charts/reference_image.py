@@ -17,11 +17,11 @@ from photosite.values.region import Region
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_FINE = 6
+_FINE = 7
 """Points along a pixel's side at which the chart is looked up. Its samples are squares, whose borders have frequencies
 above the sampling frequency of the pixels: with one point, MTF50 of a sharp camera was a third too low."""
-_WHOLE = 0.1
-"""Samples over the region by which a whole number of samples in a pixel may be missed."""
+_LIGHT_BLOCKS = 8
+"""Blocks along a side whose means show the light."""
 _BLOCKS = 5
 """Blocks along a side in which the displacement of the image from the chart is measured."""
 _LOW_FREQUENCY = 0.15
@@ -54,15 +54,12 @@ class ReferenceImage:
         self._chart, self._region = chart, region
         self._values = np.where(mask, values - values[mask].mean(), 0.0)
         size = region.shape
-        samples = round(chart.samples_per_pixel)
-        whole = abs(chart.samples_per_pixel - samples) * max(size) < _WHOLE
         coarse = min(max(math.ceil(chart.samples_per_pixel), 1), _FINE)
-        once = whole and 2 < samples < _FINE  # of three samples in a pixel, each is looked up once
-        fine = samples if once else _FINE
-        self._by_area = not once and chart.samples_per_pixel > 2
+        self._by_area = chart.samples_per_pixel > 2
         self._shift = np.zeros((2, 3, 3))
         for _ in range(_ROUNDS):
-            moved = self._displacements(np.mean([drawn for *_, drawn in self._drawn(coarse)], axis=0))
+            self._gray = np.mean([drawn for *_, drawn in self._drawn(coarse)], axis=0)
+            moved = self._displacements(self._gray)
             self._shift += moved
             if np.abs(self._field(moved, *self._grid())).max() < _ALIGNED_PX:
                 break
@@ -71,7 +68,7 @@ class ReferenceImage:
                 "texture", expected="that of the chart at its corners", hint="Check --corners and the seed"
             )
         self.window = _window(*size)
-        self.reference = self._spectrum(fine)
+        self.reference = self._spectrum(_FINE)
         """Spectrum of the chart, (rows, cols), relative to its brightest sample."""
         self.frequency = np.hypot(*np.meshgrid(fft.fftfreq(size[0]), fft.fftfreq(size[1]), indexing="ij"))
 
@@ -80,6 +77,16 @@ class ReferenceImage:
         level = values[mask].mean()
         found: Complex = fft.fft2(np.where(mask, values - level, 0.0) * self.window) / mask.mean()
         return found
+
+    def light(self, values: Array, mask: NDArray[np.bool_]) -> Array:
+        """Return (rows, cols) signal of the chart's brightest sample: a polynomial of order 2, from means of blocks."""
+        row, col = self._grid()
+        powers = [(i, j) for i in range(3) for j in range(3 - i)]
+        seen = [np.where(mask, self._gray * np.outer(row**i, col**j), 0.0) for i, j in powers]
+        model, level = np.stack([_block_sums(each) for each in seen], axis=1), _block_sums(np.where(mask, values, 0.0))
+        gray = model[:, 0]
+        fit = np.linalg.lstsq(model / gray[:, None], level / gray)[0]
+        return np.asarray(sum(c * np.outer(row**i, col**j) for c, (i, j) in zip(fit, powers, strict=True)))
 
     def _grid(self) -> tuple[Array, Array]:
         """Return rows and columns of the pixels' centers in the region, from -1 to 1."""
@@ -105,7 +112,7 @@ class ReferenceImage:
     def _drawn(self, fine: int) -> Iterator[tuple[float, float, Array]]:
         """Yield the chart at `fine` points along the side of each pixel: a picture for each place in the pixels.
 
-        Several samples in a pixel, whose number is not whole, are averaged over the pixel's part around each point.
+        Several samples in a pixel are averaged over the pixel's part around each point.
         """
         middle = self._in_scene(0.0, 0.0)
         by_row = self._in_scene(0.5, 0.0) - self._in_scene(-0.5, 0.0)
@@ -163,6 +170,12 @@ class ReferenceImage:
             for (i, j), value in zip(powers, fit, strict=True):
                 found[axis, i, j] = value
         return found
+
+
+def _block_sums(values: Array) -> Array:
+    """Return the sums of the blocks of a picture, row by row."""
+    rows, cols = (np.arange(_LIGHT_BLOCKS) * size // _LIGHT_BLOCKS for size in values.shape)
+    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=0), cols, axis=1).ravel())
 
 
 def _window(rows: int, cols: int, down: float = 0.0, along: float = 0.0) -> Array:

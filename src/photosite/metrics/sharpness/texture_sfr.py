@@ -61,8 +61,8 @@ def _measure(
         full = float((image.plane(channel, region)[0][mask] >= image.white - image.black).mean())
         if full > _CLIPPED_FRACTION:
             raise InputError(f"fraction of saturated {channel} pixels", value=full, expected="at most 0.001")
-        spectra = [aligned.spectrum(plane, mask) for plane in image.planes(channel, region)]
-        scale = _scale(chart, image, channel, region)
+        light = aligned.light(image.plane(channel, region)[0], mask)
+        spectra = [aligned.spectrum(plane / light, mask) for plane in image.planes(channel, region)]
         found: dict[str, Response | Missing] = {"cross": _cross(aligned.reference, spectra, bins, first)}
         if mask.all():
             found["direct"] = _direct(aligned.reference, spectra, bins, first, image)
@@ -70,8 +70,7 @@ def _measure(
             if isinstance(response, Missing):
                 values[f"mtf50_{kind}", channel] = Estimate.of(response, "")
                 continue
-            level, spread = response[0] / scale, response[1] / scale
-            found[kind] = level, spread
+            level, spread = response
             part = f"{channel}, {kind}"
             curves.append(
                 Curve(part, "spatial frequency (cycles/pixel)", "texture SFR", frequency[first:], level, spread)
@@ -91,13 +90,6 @@ def _middle(region: Region, size: int) -> Region:
         raise InputError("size of the texture", value=min(rows, cols), expected=f"{_LEAST_SIZE} pixels or more")
     r0, c0 = region.r0 + (rows - side) // 2, region.c0 + (cols - side) // 2
     return Region(region.name, r0, r0 + side, c0, c0 + side)
-
-
-def _scale(chart: PlacedChart, image: ChartImage, channel: str, region: Region) -> float:
-    """Return the signal of the chart's brightest sample, from the mean of image and chart."""
-    rows, cols = region.r0 + np.arange(region.shape[0]) + 0.5, region.c0 + np.arange(region.shape[1]) + 0.5
-    level = float(chart.gray_at(rows[:, None], cols).mean())
-    return float(image.plane(channel, region)[0][image.mask(channel, region)].mean()) / level
 
 
 Response = tuple[Array, Array]

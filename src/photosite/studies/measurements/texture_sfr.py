@@ -27,19 +27,19 @@ OPTIONS = {
 
 @cache
 def leaves() -> NDArray[np.float64]:
-    """Return the samples of the chart, which are means over their area."""
+    """Return the samples of the chart, which are squares."""
     return np.asarray(SceneRequest("dead-leaves", OPTIONS).scene().weights[0].astype(np.float64))
 
 
 def mtf50_of(sigma: float) -> float:
     """Return the frequency at which the blur times the pixel is 0.5."""
-    return float(brentq(lambda f: float(response(np.array(f), sigma, CELLS)) - 0.5, 0.05, 0.9))
+    return float(brentq(lambda f: float(response(np.array(f), sigma)) - 0.5, 0.05, 0.9))
 
 
 def _draw(random: np.random.Generator, number: int) -> HiddenChart:
     sigma = random.uniform(0.6, 1.2)
     light = 1.0 + random.uniform(-0.1, 0.1) * (number % 2) * np.linspace(-1, 1, SIDE)
-    mean = 10 ** random.uniform(2.3, 3.7) * light * np.maximum(blurred(leaves(), CELLS, sigma), 0.0)
+    mean = 10 ** random.uniform(2.3, 3.7) * light * np.maximum(blurred(leaves(), CELLS, sigma, squares=True), 0.0)
     frames = tuple(random.poisson(mean) + random.normal(0.0, 5.0, mean.shape) for _ in range(2))
     off = random.uniform(0.0, 1.0, (4, 2))
     inwards = np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)])
