@@ -77,6 +77,7 @@ if TYPE_CHECKING:
 @click.option(
     "--tone-curve",
     default="file",
+    show_default=False,
     metavar="srgb|linear|chart|FILE",
     help="Tone curve of pictures: srgb; linear; that of the chart's gray patches; or the JSON of oecf on a picture of "
     "gray patches.  [default: what the file states, else sRGB]",
