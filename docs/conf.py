@@ -43,6 +43,7 @@ exclude_patterns = [
     "reference/diagnostics/*",
     "howto/image-quality/*",
     "validation/image-quality-coverage.md",
+    "validation/coverage-tables.md",
 ]
 templates_path = ["_templates"]
 smartquotes = False  # -- begins an option

@@ -18,10 +18,12 @@ from photosite.studies.random_sensors import SensorResult
 
 
 @pytest.mark.smoke("reproduce coverage")
-def test_coverage(photosite: Any) -> None:
+def test_coverage(photosite: Any, tmp_path: Path) -> None:
     arguments = ("reproduce", "coverage", "--sensors", "4", "--condition", "few-mono-12", "--processes", "1")
-    shown = photosite(*arguments)
+    shown = photosite(*arguments, "--table", str(tmp_path / "tables.md"))
     assert shown.status == 0
+    tables = (tmp_path / "tables.md").read_text(encoding="utf-8").splitlines()
+    cells = next(line.split(" | ")[1].strip(" |*") for line in tables if line.startswith("| `system_gain_dn_per_e`"))
     assert "few-mono-12: two frames per setting" in shown.out
     assert "system_gain_dn_per_e" in shown.out
     found = json.loads(photosite(*arguments, "--json").out)
@@ -29,6 +31,7 @@ def test_coverage(photosite: Any) -> None:
     row = found["conditions"]["few-mono-12"]["parameters"]["system_gain_dn_per_e"]
     assert row["estimated"] == 4
     assert 0 <= row["covered"] <= 1
+    assert cells == f"{100 * row['covered']:.1f} {row['bias']:+.2f}".replace("-", "\N{MINUS SIGN}")
     assert row["remarks"] == []
     assert found["false_alarm_probability"] == 1e-3
     assert "lines are flagged" in shown.out

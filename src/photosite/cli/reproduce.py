@@ -437,10 +437,19 @@ def _answer(name: str, given: tuple[float, float] | str, truth: float) -> str:
     help="Study this condition only; repeatable.",
 )
 @click.option("--quick", is_flag=True, help=f"Use {QUICK_SENSORS} sensors, which detect large errors only.")
+@click.option(
+    "--table", "table_file", type=click.Path(dir_okay=False, path_type=Path), help="Tables in Markdown, as well."
+)
 @options.workers_options(2)
 @options.json_option
 def coverage(
-    sensors: int | None, conditions: tuple[str, ...], quick: bool, processes: int, scheduler: str | None, as_json: bool
+    sensors: int | None,
+    conditions: tuple[str, ...],
+    quick: bool,
+    table_file: Path | None,
+    processes: int,
+    scheduler: str | None,
+    as_json: bool,
 ) -> None:
     """Count how often 95 % intervals contain the truth.
 
@@ -476,6 +485,11 @@ def coverage(
         scheduler=scheduler,
         progress=lambda done, total: stages(done, total, "sensors"),
     )
+    if table_file is not None:
+        from photosite.files.writing import atomic_path
+
+        with atomic_path(table_file) as temporary:
+            temporary.write_text(study.markdown(), encoding="utf-8")
     show(as_json, study.to_dict(), lambda: _text(study))
 
 
@@ -484,7 +498,7 @@ def _text(study: CoverageStudy) -> str:
     from photosite.studies.coverage import FALSE_ALARM
 
     lines = []
-    for name in dict.fromkeys([*(row.condition for row in study.rows), *study.refused]):
+    for name in study.conditions:
         lines.append(f"\n{name}: {CONDITIONS[name].summary}")
         refusals = study.refused.get(name, ())
         if refusals:

@@ -39,6 +39,9 @@ FALSE_ALARM = 1e-3
 
 _BATCH = 10
 
+_COLUMNS = 7
+"""Conditions in each table of the documentation."""
+
 Progress = Callable[[int, int], None]
 """Called with (sensors done, sensors in total)."""
 
@@ -153,9 +156,46 @@ class CoverageStudy:
                     "warnings": [asdict(entry) for entry in self.warnings.get(name, ())],
                     "effects": dict(self.effects.get(name, {})),
                 }
-                for name in dict.fromkeys([*(row.condition for row in self.rows), *self.refused])
+                for name in self.conditions
             },
         }
+
+    @property
+    def conditions(self) -> list[str]:
+        """The conditions that were studied."""
+        return list(dict.fromkeys([*(row.condition for row in self.rows), *self.refused]))
+
+    def markdown(self) -> str:
+        """Return the tables of the documentation: parameters of some conditions each, and what was reported."""
+        lines = []
+        for first in range(0, len(self.conditions), _COLUMNS):
+            names = self.conditions[first : first + _COLUMNS]
+            rows = {(row.parameter, row.condition): row for row in self.rows if row.condition in names}
+            lines += [
+                "| parameter | " + " | ".join(f"`{name}`" for name in names) + " |",
+                "|---" * (len(names) + 1) + "|",
+            ]
+            for parameter in dict.fromkeys(parameter for parameter, _ in rows):
+                cells = (_cell(rows.get((parameter, name)), self.sensors) for name in names)
+                lines.append(f"| `{parameter}` | " + " | ".join(cells) + " |")
+            lines.append("")
+        lines += ["| condition | refused | with a warning | effects reported, in sensors |", "|---|---|---|---|"]
+        for name in self.conditions:
+            effects = dict(self.effects.get(name, {}))
+            warned = effects.pop("warnings", 0)
+            reported = ", ".join(f"{effect} {count}" for effect, count in effects.items())
+            lines.append(f"| `{name}` | {sum(m.sensors for m in self.refused.get(name, ()))} | {warned} | {reported} |")
+        return "\n".join(lines) + "\n"
+
+
+def _cell(row: Coverage | None, sensors: int) -> str:
+    """Return coverage and mean error for a table, bold where flagged, and the sensors with an estimate if not all."""
+    if row is None:
+        return ""
+    counted = row.estimated - row.exact
+    text = f"{100 * row.covered:.1f} {row.bias:+.2f}".replace("-", "\N{MINUS SIGN}") if counted else "exact"
+    text += "" if row.estimated == sensors else f" ({row.estimated})"
+    return text if row.passes else f"**{text}**"
 
 
 def coverage_study(

@@ -9,7 +9,7 @@ import numpy as np
 
 from photosite.sensor.effects.hot_pixels import HotPixels
 from photosite.sensor.model import Sensor
-from photosite.studies.effect_study import DARK_CURRENT, Drawing, EffectStudy, Range, TrueTerms, log_uniform
+from photosite.studies.effect_study import DARK_CURRENT, DSNU1288, Drawing, EffectStudy, Range, TrueTerms, log_uniform
 from photosite.studies.plain_camera import Disturbance
 
 
@@ -19,8 +19,8 @@ def _draw(drawing: Drawing, pixels: Range) -> dict[str, Any]:
 
 
 def _terms(hot: HotPixels, sensor: Sensor, efficiencies: Sequence[float] | None) -> TrueTerms:
-    """Return that mean and spread are neither those of all pixels nor those without any hot one: a part is left out."""
-    return TrueTerms(undefined=(*DARK_CURRENT, "dcnu_percent"))
+    """Return that means and spreads are neither those of all pixels nor those without hot ones: a part is left out."""
+    return TrueTerms(undefined=(*DARK_CURRENT, "dcnu_percent", *DSNU1288))
 
 
 def _truth(hot: HotPixels, sensor: Sensor) -> Mapping[str, float]:
