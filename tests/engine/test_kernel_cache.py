@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -169,3 +170,15 @@ def test_a_temporary_folder_that_others_can_write_is_not_used(no_cache: Path, pl
     folder = kernel_folder.kernel_folder()
     assert own not in folder.parents
     assert folder.is_dir()
+
+
+def test_threads_that_make_kernels_at_once_keep_their_folders(kernel: Callable[[], Any]) -> None:
+    kernel()(2.0)  # numba is imported before
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(4) as threads:
+            folders = list(threads.map(lambda _: Path(kernel()._cache.cache_path), range(200)))
+    finally:
+        sys.setswitchinterval(interval)
+    assert len(set(folders)) == 1

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import update_wrapper
 from pathlib import Path
+from threading import Lock
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -84,6 +85,10 @@ def compiled(*, inline: bool = False, fused: bool = False) -> Callable[[F], F]:
     return decorate
 
 
+_SETTING = Lock()
+"""Of numba's folder: two threads that make kernels at the same time would exchange theirs."""
+
+
 def _dispatcher(function: Callable[..., Any], folder: Path, **options: Any) -> Any:
     import numba
 
@@ -91,13 +96,14 @@ def _dispatcher(function: Callable[..., Any], folder: Path, **options: Any) -> A
 
     # numba reads this setting when it decorates; restore it for other users of numba in this process.
     settings: Any = numba.config
-    before, settings.CACHE_DIR = settings.CACHE_DIR, str(folder)
-    try:
-        njit: Any = numba.njit
-        kernel = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
-        kernel._cache = KernelCache(function)
-    finally:
-        settings.CACHE_DIR = before
+    with _SETTING:
+        before, settings.CACHE_DIR = settings.CACHE_DIR, str(folder)
+        try:
+            njit: Any = numba.njit
+            kernel = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+            kernel._cache = KernelCache(function)
+        finally:
+            settings.CACHE_DIR = before
     return kernel
 
 
