@@ -81,6 +81,14 @@ def test_texture_is_the_blur(leaves: tuple[NDArray[np.float64], dict[str, Any]],
         assert found[f"mtf50_{kind}", "M"].value == pytest.approx(TRUE_MTF50, rel=0.0025)
 
 
+def test_texture_of_a_turned_chart(leaves: tuple[NDArray[np.float64], dict[str, Any]]) -> None:
+    """A quarter turn clockwise: the chart's top left corner is at the top right of the frame."""
+    end = float(SIDE)
+    corners = (0.0, end), (end, end), (end, 0.0), (0.0, 0.0)
+    found = texture_sfr(np.rot90(leaves[0], -1) * 1000, leaves[1], corners=corners)
+    assert found["mtf50_cross", "M"].value == pytest.approx(TRUE_MTF50, rel=0.0025)
+
+
 def test_texture_of_noisy_mosaic_and_wrong_corners(leaves: tuple[NDArray[np.float64], dict[str, Any]]) -> None:
     """Within 4 standard uncertainties, with the chart one pixel from where its corners are said to be."""
     random = np.random.default_rng(9)
