@@ -206,6 +206,20 @@ def test_defective_pixels_of_published_maps_have_the_median(tmp_path: Path) -> N
     assert found.chip().black_level_dn == 100.0
 
 
+@pytest.mark.parametrize("role", ["variance", "read_sigma"])
+def test_no_variance_is_negative(role: str, tmp_path: Path) -> None:
+    """A pixel has the median; a whole map of another sign is refused."""
+    values = np.full((30, 40), 4.0)
+    values[9, 9] = -1.0
+    np.save(tmp_path / f"{role}.npy", values)
+    found = ps.read_camera_maps([tmp_path / f"{role}.npy"], gain_dn_per_e=1.0)
+    assert np.ptp(found.variance_dn2) == 0.0
+    assert any("first pixel (9, 9)" in note for note in found.notes)
+    np.save(tmp_path / f"{role}.npy", -values)
+    with pytest.raises(FileError):
+        ps.read_camera_maps([tmp_path / f"{role}.npy"], gain_dn_per_e=1.0)
+
+
 def mean_frame(sensor: ps.Sensor, chip: ps.MeasuredChip, light_e: NDArray[Any], frames: int) -> tuple[Any, Any]:
     """Mean and variance of each pixel over frames."""
     stack = np.stack([read_frame(sensor, chip, light_e, 0.01, Shot(seed=1, frame=k)) for k in range(frames)])

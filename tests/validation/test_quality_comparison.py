@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from raising import raises
 from photosite.errors import InputError
 from photosite.metrics.measure import ImageQuality, measure
 from photosite.studies.virtual_charts import VirtualEdge, virtual_edge
-from photosite.validation.quality_comparison import compare_quality
+from photosite.validation.quality_comparison import compare_quality, compare_results
+from photosite.values.estimate import Estimate
 
 PAIRS = 30
 
@@ -47,6 +49,14 @@ def test_a_blurred_edge_differs_where_it_should() -> None:
     assert found["edge-sfr.mtf50_standard.M"].verdict == "no interval"
     tolerant = compare_quality(quality(edge), quality(blurred), tolerance_percent=300.0)
     assert {each.name: each for each in tolerant.values}["edge-sfr.mtf50.M"].verdict == "agrees"
+
+
+def test_a_value_that_neither_side_shows_is_missing() -> None:
+    result = quality(virtual_edge(np.random.default_rng(3)).electrons)["edge-sfr"]
+    hidden = replace(result, values=dict(result.values) | {("mtf50", "M"): Estimate(reason="too blurred")})
+    found = {each.name: each.verdict for each in compare_results({"edge": ({"edge-sfr": hidden},) * 2}).values}
+    assert found["edge-sfr.mtf50.M"] == "missing"
+    assert "agrees" in found.values()
 
 
 def test_other_charts_and_settings_are_refused() -> None:

@@ -37,7 +37,7 @@ class ComparedValue(Shown):
         Of their difference, from the sides of the intervals that face each other; None where neither has an interval.
     verdict
         "differs" where the difference is beyond the noise; "no interval" where it is not known whether it is; "missing"
-        where the frames of one side do not show the value.
+        where the frames of a side do not show the value.
     """
 
     chart: str
@@ -233,7 +233,7 @@ def _reach(simulated: Estimate, spread: float | None, quantile: float, tolerance
 def _verdict(measured: Estimate, simulated: Estimate, reach: float | None) -> Verdict:
     one, other = measured.value, simulated.value
     if one is None or other is None:
-        return "missing" if (one is None) != (other is None) else "agrees"
+        return "missing"
     if one == other:
         return "agrees"
     return "no interval" if reach is None else "agrees" if abs(one - other) <= reach else "differs"

@@ -118,15 +118,12 @@ class ReferenceImage:
         by_row = self._in_scene(0.5, 0.0) - self._in_scene(-0.5, 0.0)
         by_col = self._in_scene(0.0, 0.5) - self._in_scene(0.0, -0.5)
         places = (np.arange(fine) + 0.5) / fine - 0.5
-        size = tuple(float(side) / fine for side in np.hypot(by_row, by_col).mean(axis=(0, 1)))  # turned charts, too
+        down_side, along_side = np.hypot(by_row, by_col).mean(axis=(0, 1)) / fine  # also of a chart that is turned
+        size = float(down_side), float(along_side)
         for down in places:
             for along in places:
                 points = middle + down * by_row + along * by_col
-                yield (
-                    down,
-                    along,
-                    self._chart.gray_over(points, (size[0], size[1])) if self._by_area else self._chart.gray_of(points),
-                )
+                yield down, along, self._chart.gray_over(points, size) if self._by_area else self._chart.gray_of(points)
 
     def _spectrum(self, fine: int) -> Complex:
         """Return the spectrum of the chart at the frequencies of the image, without the points' own averaging."""

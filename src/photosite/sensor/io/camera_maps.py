@@ -466,12 +466,17 @@ _MOST_DEFECTIVE = 0.01
 
 def _completed(path: Path, role: str, values: Array) -> tuple[Array, str]:
     """Return a map with the median in pixels without a valid value, which are defective ones, and a note on them."""
-    wrong = ~np.isfinite(values) | ((values <= 0) if role == "gain" else False)
+    if role in ("gain", "flatfield"):
+        wrong, expected = ~(np.isfinite(values) & (values > 0)), "above 0"
+    elif role in ("variance", "sigma_e"):
+        wrong, expected = ~(np.isfinite(values) & (values >= 0)), "0 or above"
+    else:
+        wrong, expected = ~np.isfinite(values), "finite"
     count = int(wrong.sum())
     if not count:
         return values, ""
     row, col = np.argwhere(wrong)[0]
-    where, expected = f"pixel ({row}, {col})", "above 0" if role == "gain" else "finite"
+    where = f"pixel ({row}, {col})"
     if count > _MOST_DEFECTIVE * values.size:
         what = f"the map of the {role} in {count} of {values.size} pixels, first {where}"
         raise FileError(path, what, value=float(values[row, col]), expected=expected)
