@@ -141,8 +141,34 @@ def test_maps_in_and_out(photosite: Any, tmp_path: Path) -> None:
             "export", "nikon-d200", "darktable", "--exposure", 1, "--gain-setting", 100, "-o", tmp_path / "a.json"
         ).err
     )
-    assert "--gain applies to maps only" in photosite("import", files[0], "--gain", 2).err
+    assert "--gain applies to maps only" in photosite("import", sensor, "--gain", 2).err
     assert "several maps are read by: photosite import maps" in photosite("import", *files).err
+
+
+@pytest.mark.parametrize("form", ["pyme", "decode", "ome"])
+def test_an_exported_folder_or_file_is_imported_as_it_is(photosite: Any, tmp_path: Path, form: str) -> None:
+    np.save(tmp_path / "variance.npy", np.full((6, 8), 4.25))
+    sensor, again = tmp_path / "mine.sensor.yaml", tmp_path / "again.sensor.yaml"
+    maps = ("import", "maps", tmp_path / "variance.npy", "--gain", 2.5, "--sensor", "nikon-d200", "-o", sensor)
+    assert photosite(*maps).status == 0
+    written = tmp_path / ("maps.ome.tif" if form == "ome" else "maps")
+    assert photosite("export", sensor, form, "-o", written).status == 0
+    shown = photosite("import", "maps", written, "--sensor", "nikon-d200", "-o", again, "--json").json["maps"]
+    assert shown["variance_dn2"]["median"] == pytest.approx(4.25, rel=1e-6)
+    assert shown["gain_dn_per_e"]["median"] == pytest.approx(2.5, rel=1e-6)
+    assert shown["offset_dn"]["median"] == pytest.approx(0, abs=1e-6)
+    assert ps.load_sensor(again).noise.read_noise_mv.value == pytest.approx(
+        ps.load_sensor(sensor).noise.read_noise_mv.value, rel=1e-6
+    )
+
+
+@pytest.mark.parametrize("name", ["m.mat", "m.tif", "m.npy", "folder"])
+def test_maps_without_the_word_say_what_to_type(photosite: Any, tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder").mkdir()
+    np.save(tmp_path / "m.npy", np.ones((4, 6)))
+    done = photosite("import", tmp_path / name)
+    assert (done.status, done.err.count("\n")) == (2, 1)
+    assert f"photosite import maps {tmp_path / name}" in done.err
 
 
 def test_wrong_imports(photosite: Any, tmp_path: Path) -> None:

@@ -99,31 +99,62 @@ def test_units_of_each_form(tmp_path: Path, chip: ps.MeasuredChip) -> None:
     assert f"e_per_adu: {float(1 / np.median(gain))!r}" in (folder / "camera.yaml").read_text()
 
 
-@pytest.mark.parametrize("form", ["smite", "smap", "accent", "gdsc", "ome"])
-def test_round_trip(tmp_path: Path, chip: ps.MeasuredChip, form: str) -> None:
-    path = tmp_path / f"maps{MAP_FORMS[form].suffixes[0]}"
+@pytest.mark.parametrize("singly", [False, True])
+@pytest.mark.parametrize("form", MAP_FORMS)
+def test_round_trip(tmp_path: Path, chip: ps.MeasuredChip, form: str, singly: bool) -> None:
+    """The file, the folder, or the files in the folder: the same numbers, with units and signs."""
+    path = tmp_path / f"maps{(MAP_FORMS[form].suffixes or ('',))[0]}"
     ps.write_camera_maps(chip, path, form)
-    again = ps.read_camera_maps([path]).chip()
-    assert again.black_level_dn == pytest.approx(np.median(100 + chip.offset_dn), rel=1e-6)
-    assert_allclose(again.offset_dn + again.black_level_dn, chip.offset_dn + 100, rtol=1e-6)
-    assert_allclose(again.read_noise_dn, chip.read_noise_dn, rtol=1e-4)
-    assert_allclose(again.pixel_gain_dn_per_e, chip.pixel_gain_dn_per_e, rtol=1e-6)
+    files = [file for file in path.iterdir() if file.suffix != ".yaml"] if singly and path.is_dir() else [path]
+    again = ps.read_camera_maps(files).chip()
+    offset, gain = 100 + chip.offset_dn.astype(float), chip.pixel_gain_dn_per_e.astype(float)
+    noise_e = chip.read_noise_dn / gain
+    if form == "decode":  # one offset and one gain
+        offset, gain = np.full(SHAPE, np.median(offset)), np.full(SHAPE, np.median(gain))
+        noise_e = np.sqrt((chip.read_noise_dn**2 + ROUNDING_DN2) / chip.pixel_gain_dn_per_e**2 - ROUNDING_DN2 / gain**2)
+    assert again.black_level_dn == pytest.approx(np.median(offset), rel=1e-6)
+    assert_allclose(again.offset_dn + again.black_level_dn, offset, rtol=1e-6)
+    assert_allclose(again.read_noise_dn, noise_e * gain, rtol=1e-4)
+    assert_allclose(again.pixel_gain_dn_per_e, gain, rtol=1e-6)
 
 
-def test_round_trip_of_pyme_and_decode(tmp_path: Path, chip: ps.MeasuredChip) -> None:
-    gain = float(np.median(chip.pixel_gain_dn_per_e))
+@pytest.mark.parametrize("form", MAP_FORMS)
+def test_dark_current_of_an_exposure_comes_back_once(tmp_path: Path, form: str) -> None:
+    """8 DN/s over 0.5 s: in offset and variance, or beside them where a form has the rate itself."""
+    flat = dict.fromkeys(("offset_dn", "read_noise_dn", "dark_rate_dn_per_s"), np.zeros((4, 6), np.float32))
+    flat["dark_rate_dn_per_s"] = np.full((4, 6), 8, np.float32)
+    warm = ps.MeasuredChip(**flat, black_level_dn=100.0, system_gain_dn_per_e=2.0)
+    path = tmp_path / f"maps{(MAP_FORMS[form].suffixes or ('',))[0]}"
+    ps.write_camera_maps(warm, path, form, exposure_s=0.5)
+    maps = ps.read_camera_maps([path])
+    rate = 0.0 if maps.dark_rate_dn_per_s is None else maps.dark_rate_dn_per_s
+    assert_allclose(maps.offset_dn + 0.5 * rate, 104, rtol=1e-6)
+    assert_allclose(maps.variance_dn2 + 0.5 * rate * maps.gain_dn_per_e, 1 / 12 + 8, rtol=1e-6)
+
+
+def test_settings_of_pyme_and_decode(tmp_path: Path, chip: ps.MeasuredChip) -> None:
+    """The gain is EM gain over electrons per count; a stated gain stands for that of the settings."""
     ps.write_camera_maps(chip, tmp_path / "pyme", "pyme")
-    files = sorted((tmp_path / "pyme").glob("*.tif"))
-    again = ps.read_camera_maps(files, gain_dn_per_e=gain, in_electrons=True).chip()
-    assert_allclose(again.read_noise_dn, chip.read_noise_dn, rtol=1e-4)
-    assert_allclose(again.pixel_gain_dn_per_e, chip.pixel_gain_dn_per_e, rtol=1e-5)
-    ps.write_camera_maps(chip, tmp_path / "decode", "decode")
-    sigma = [tmp_path / "decode" / "read_sigma.npy"]
-    noise = ps.read_camera_maps(sigma, gain_dn_per_e=gain).chip().read_noise_dn
-    ratio = chip.pixel_gain_dn_per_e / gain
-    assert_allclose(noise**2 + ROUNDING_DN2, (chip.read_noise_dn**2 + ROUNDING_DN2) / ratio**2, rtol=1e-4)
+    settings = tmp_path / "pyme" / "metadata.yaml"
+    maps = [tmp_path / "pyme" / f"{name}.tif" for name in ("variance", "flatfield")]
+    stated = ps.read_camera_maps([*maps, settings])
+    doubled = ps.read_camera_maps(maps, gain_dn_per_e=2 * float(np.median(stated.gain_dn_per_e)))
+    assert_allclose(doubled.gain_dn_per_e, 2 * stated.gain_dn_per_e, rtol=1e-6)
+    assert_allclose(doubled.variance_dn2, 4 * stated.variance_dn2, rtol=1e-6)
+    settings.write_text(settings.read_text().replace("TrueEMGain: 1.0", "TrueEMGain: 50"))
+    assert_allclose(ps.read_camera_maps([settings.parent]).gain_dn_per_e, 50 * stated.gain_dn_per_e, rtol=1e-6)
+    settings.write_text("Camera.ElectronsPerCount: -0.5")
+    with raises(FileError, "Camera.ElectronsPerCount", value=-0.5):
+        ps.read_camera_maps([settings.parent])
+    settings.unlink()
     with raises(InputError, "a variance in electrons needs the gain"):
-        ps.read_camera_maps(sigma)
+        ps.read_camera_maps(maps)
+    ps.write_camera_maps(chip, tmp_path / "decode", "decode")
+    (tmp_path / "decode" / "camera.yaml").unlink()
+    with raises(InputError, "a variance in electrons needs the gain"):
+        ps.read_camera_maps([tmp_path / "decode"])
+    with raises(FileError, "has no file of maps"):
+        ps.read_camera_maps([tmp_path])
 
 
 def test_dark_current_adds_to_offset_and_variance(chip: ps.MeasuredChip) -> None:

@@ -22,8 +22,18 @@ if TYPE_CHECKING:
     "--mono", is_flag=True, help="For darktable: the camera has no color filters. Files from photosite state it."
 )
 @click.option("--gain-setting", type=float, metavar="ISO", help="Gain setting, for files that hold several.")
-@options.quantity("--gain", "gain_dn_per_e", unit="DN/e-", text="For maps: gain of all pixels, where no file has it.")
-@click.option("--electrons", "in_electrons", is_flag=True, help="For maps: the variance is in electrons, as PYME's.")
+@options.quantity(
+    "--gain",
+    "gain_dn_per_e",
+    unit="DN/e-",
+    text="For maps: gain of all pixels, where no map has it. Default: that of PYME's or DECODE's settings.",
+)
+@click.option(
+    "--electrons",
+    "in_electrons",
+    is_flag=True,
+    help="For maps: the variance is in electrons². Default: of PYME's files.",
+)
 @options.sensor_option(text="Sensor for all properties that the files do not hold. Required for -o.")
 @options.file_option("-o", "--output", suffixes=options.SENSOR_SUFFIXES, text="Sensor file to write (YAML).")
 @options.json_option
@@ -38,11 +48,13 @@ def command(
 
     With -o and --sensor, writes a sensor file for simulation. Of a profile, all dark noise is read noise and DSNU is 0.
     Maps of `import maps` are MATLAB (smite, SMAP, or one variable each), TIFF (GDSC SMLM, OME, PYME, or one map each),
-    .calb (Accent) and .npy files; each is known by its name. Their sensor file has the maps beside it, and simulated
-    frames the chip's pattern. Geometry, volts, spectra and all else are those of --sensor.
+    .calb (Accent) and .npy files, or a folder of them (PYME, DECODE); each is known by its name, or its variable's.
+    Their sensor file has the maps beside it, and simulated frames the chip's pattern. Geometry, volts, spectra and all
+    else are those of --sensor.
 
     Example: photosite import noiseprofiles.json --model "X-1" --gain-setting 400 --sensor nikon-d200 -o x1.sensor.yaml
     """
+    from photosite.sensor.io.camera_maps import is_of_maps
     from photosite.sensor.io.sensor_file import load_sensor
     from photosite.sensor.noise_profile import profile_at_setting
 
@@ -52,8 +64,12 @@ def command(
         options.not_for("maps", "model", "mono", "gain_setting")
         _import_maps(files[1:], choices["gain_dn_per_e"], choices["in_electrons"], sensor_name, output, as_json)
         return
+    if files == (Path("maps"),) and not files[0].exists():
+        raise click.UsageError("name the files or the folder of the maps: photosite import maps FILE...")
     if len(files) > 1:
         raise click.UsageError("a noise profile is one file; several maps are read by: photosite import maps FILE...")
+    if is_of_maps(files[0]):
+        raise click.UsageError(f"{files[0]} is no noise profile; maps are read by: photosite import maps {files[0]}")
     options.only_for("maps", "gain_dn_per_e", "in_electrons")
     (file,), model, gain_setting, mono = files, choices["model"], choices["gain_setting"], choices["mono"]
     profiles = _read(file, model, gain_setting, mono)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from photosite.errors import FileError, InputError, message_of
 from photosite.files.small_files import check_stored_file, parse_json, read_small
 from photosite.files.writing import atomic_path
+from photosite.files.yaml import line_of, read_text, read_yaml
 from photosite.sensor.chip import MeasuredChip
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_terms import QUANTIZATION_DN2
@@ -153,6 +154,8 @@ class MapForm:
         Name and unit of each.
     write
         Called with the maps and the path.
+    has_dark_rate
+        The dark current is beside offset and variance, which are those at exposure zero.
     """
 
     suffixes: tuple[str, ...]
@@ -160,6 +163,7 @@ class MapForm:
     variance: str
     gain: str
     write: Callable[[CameraMaps, Path], None]
+    has_dark_rate: bool = False
 
     @property
     def loss(self) -> str:
@@ -282,7 +286,7 @@ def _write_decode(maps: CameraMaps, path: Path) -> None:
 MAP_FORMS: Mapping[str, MapForm] = {
     "smite": MapForm((".mat",), "Params.CCDOffset, DN", "Params.CCDVar, DN²", "Params.Gain, DN/e⁻", _write_smite),
     "smap": MapForm((".mat",), "offsetmap, DN", "varmap, DN²", "gainmap, e⁻/DN", _write_smap),
-    "accent": MapForm((".calb",), "baseline, DN", "rnSq, DN²", "gain, DN/e⁻", _write_accent),
+    "accent": MapForm((".calb",), "baseline, DN", "rnSq, DN²", "gain, DN/e⁻", _write_accent, has_dark_rate=True),
     "gdsc": MapForm((".tif", ".tiff"), "slice 1, DN", "slice 3, DN²", "slice 2, DN/e⁻", _write_gdsc),
     "ome": MapForm(
         (".ome.tif", ".ome.tiff"), "channel Offset, DN", "channel Variance, DN²", "channel Gain, DN/e⁻", _write_ome
@@ -311,7 +315,7 @@ def write_camera_maps(chip: MeasuredChip, path: str | PathLike[str], form: str, 
     form
         A name in `MAP_FORMS`.
     exposure_s
-        Exposure time of the frames that will be analyzed.
+        Exposure time of the frames that will be analyzed; not used by forms that have the dark current.
 
     Raises
     ------
@@ -332,7 +336,8 @@ def write_camera_maps(chip: MeasuredChip, path: str | PathLike[str], form: str, 
     """
     if form not in MAP_FORMS:
         raise InputError("form", value=form, expected=f"one of {', '.join(MAP_FORMS)}")
-    MAP_FORMS[form].write(camera_maps(chip, exposure_s), Path(path))
+    chosen = MAP_FORMS[form]
+    chosen.write(camera_maps(chip, 0.0 if chosen.has_dark_rate else exposure_s), Path(path))
 
 
 # Reading
@@ -351,22 +356,25 @@ _ROLES = {
 def read_camera_maps(
     paths: Sequence[str | PathLike[str]], *, gain_dn_per_e: float | None = None, in_electrons: bool = False
 ) -> CameraMaps:
-    """Read maps from one file that has several, or from a file for each.
+    """Read maps from one file that has several, from a file for each, or from a folder.
 
     A map is known by the name of its variable, channel or slice, or of its file. Arrays are in DN, DN² and DN/e⁻,
-    except in SMAP's form (`varmap` and `gainmap` in one MATLAB file), whose gain is in e⁻/DN, and DECODE's
-    `read_sigma.npy`, which is in electrons. Three pages without labels are offset, gain and variance, as in GDSC SMLM;
+    except in SMAP's form (`varmap` and `gainmap` in one MATLAB file), whose gain is in e⁻/DN, DECODE's
+    `read_sigma.npy`, which is in electrons, and PYME's `variance.tif`, which is in e⁻²: a flat field or the settings
+    beside it show that it is PYME's. Three pages without labels are offset, gain and variance, as in GDSC SMLM;
     three planes of a NumPy array are offset, variance and gain, as in storm-analysis. Pixels without a valid value, up
     to 1 %, get the median of the map.
 
     Parameters
     ----------
     paths
-        MATLAB (.mat), TIFF and OME-TIFF, Accent (.calb) and NumPy (.npy) files.
+        MATLAB (.mat), TIFF and OME-TIFF, Accent (.calb) and NumPy (.npy) files, and settings of PYME or DECODE
+        (`metadata.yaml`, `camera.yaml`), which are also read where they lie beside a map. A folder stands for all such
+        files in it.
     gain_dn_per_e
-        Gain where no file has it; PYME's `flatfield.tif` divides it.
+        Gain where no map has it, instead of that of the settings; PYME's `flatfield.tif` divides it.
     in_electrons
-        The variance is in e⁻², as PYME's `variance.tif`.
+        The variance is in e⁻².
 
     Raises
     ------
@@ -385,9 +393,13 @@ def read_camera_maps(
     >>> chip.shape, round(float(chip.read_noise_dn[0, 0]), 3)  # without rounding
     ((4, 6), 2.041)
     """
+    files = [file for path in map(Path, paths) for file in _files_of(path)]
+    settings = _settings_of(files)
     found: dict[str, tuple[Path, Array]] = {}
     notes: list[str] = []
-    for path in map(Path, paths):
+    for path in files:
+        if path.suffix.lower() in _SETTINGS_SUFFIXES:
+            continue
         for role, values in _maps_of(path).items():
             if role in found:
                 both = [str(found[role][0]), str(path)]
@@ -399,24 +411,118 @@ def read_camera_maps(
             complete, note = _completed(path, role, values)
             found[role] = path, complete
             notes += [f"{role}: {path.name}, median {float(np.median(complete)):.4g}", *([note] if note else [])]
+    if not found:
+        raise FileError(files[0], "states settings of a camera, which are no map", hint="Give the maps too")
     maps = {role: values for role, (_, values) in found.items()}
     shape = next(iter(maps.values())).shape
-    gain, flat = maps.get("gain"), maps.get("flatfield")
+    gain, flat, offset = maps.get("gain"), maps.get("flatfield"), maps.get("offset")
     if gain is not None and gain_dn_per_e is not None:
         raise InputError("gain_dn_per_e", value=gain_dn_per_e, expected="omitted: a map of the gain is given")
+    if settings is not None:
+        if gain is None and gain_dn_per_e is None:
+            gain_dn_per_e = settings.gain_dn_per_e
+            notes.append(
+                f"gain: {settings.file.name}, {gain_dn_per_e:.4g} DN/e⁻{'' if flat is None else ' over flatfield'}"
+            )
+        if offset is None and settings.offset_dn is not None:
+            offset = np.full(shape, settings.offset_dn)
+            notes.append(f"offset: {settings.file.name}, {settings.offset_dn:.6g} DN in all pixels")
     if gain is None and gain_dn_per_e is not None:
         gain = np.full(shape, float(gain_dn_per_e)) / (1.0 if flat is None else flat)
-    variance, power = maps.get("variance"), 2 if in_electrons else 0
+    variance = maps.get("variance")
+    in_electrons = in_electrons or flat is not None or (settings is not None and settings.of_pyme)
     if variance is None and "sigma_e" in maps:
-        variance, power = maps["sigma_e"] ** 2, 2
-    if variance is not None and power:
+        variance, in_electrons = maps["sigma_e"] ** 2, True
+    if variance is not None and in_electrons:
         if gain is None:
             hint, arguments = "Give its map, or {gain_dn_per_e}", {"gain_dn_per_e": 2.2}
             raise InputError("a variance in electrons needs the gain", hint=hint, arguments=arguments)
-        variance = variance * gain**power
+        if "variance" in maps:
+            notes.append("variance: in e⁻², converted with the gain")
+        variance = variance * gain**2
     if gain is not None:
         notes.append("the gain is in DN per electron; it divides numbers above the offset")
-    return CameraMaps(maps.get("offset"), variance, gain, maps.get("dark_rate"), tuple(notes))
+    return CameraMaps(offset, variance, gain, maps.get("dark_rate"), tuple(notes))
+
+
+_MAP_SUFFIXES = (".mat", ".tif", ".tiff", ".calb", ".npy")
+_SETTINGS_SUFFIXES = (".yaml", ".yml")
+_SETTINGS_KEYS = ("Camera.ElectronsPerCount", "e_per_adu")
+"""Electrons per number in the settings of PYME and DECODE."""
+
+
+def is_of_maps(path: Path) -> bool:
+    """Return whether a path is a folder or a file that `read_camera_maps` may read.
+
+    Examples
+    --------
+    >>> is_of_maps(Path("variance.mat")), is_of_maps(Path("noiseprofiles.json"))
+    (True, False)
+    """
+    return path.suffix.lower() in _MAP_SUFFIXES or path.is_dir()
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """Numbers of all pixels beside the maps of PYME (`metadata.yaml`) or DECODE (`camera.yaml`)."""
+
+    file: Path
+    of_pyme: bool
+    gain_dn_per_e: float
+    offset_dn: float | None
+
+
+def _files_of(path: Path) -> list[Path]:
+    """Return a file, or the maps and settings in a folder."""
+    if not path.is_dir():
+        return [path]
+    files = sorted(file for file in path.iterdir() if file.suffix.lower() in _MAP_SUFFIXES and file.is_file())
+    if not files:
+        raise FileError(path, f"has no file of maps: {', '.join(_MAP_SUFFIXES)}")
+    return files
+
+
+def _settings_of(files: Sequence[Path]) -> _Settings | None:
+    """Return the settings among files, else those that lie beside them."""
+    stated = [file for file in files if file.suffix.lower() in _SETTINGS_SUFFIXES]
+    beside = dict.fromkeys(file.parent / name for file in files for name in ("metadata.yaml", "camera.yaml"))
+    found = [_read_settings(file) for file in stated] or [
+        _read_settings(file)
+        for file in beside
+        if file.is_file() and any(key in read_text(file, "settings of a camera") for key in _SETTINGS_KEYS)
+    ]
+    if len(found) > 1:
+        raise InputError("settings of the camera", value=[str(each.file) for each in found], expected="given once")
+    return found[0] if found else None
+
+
+def _read_settings(file: Path) -> _Settings:
+    """Return the settings of a file; numbers are divided by electrons per number, and multiplied by the EM gain."""
+    data = read_yaml(file, "settings of PYME or DECODE")
+    fields = data if isinstance(data, Mapping) else {}
+    of_pyme = _SETTINGS_KEYS[0] in fields
+    section = fields if of_pyme else fields.get("Camera", fields)
+    names = (
+        (_SETTINGS_KEYS[0], "Camera.TrueEMGain", "Camera.ADOffset")
+        if of_pyme
+        else (_SETTINGS_KEYS[1], "em_gain", "baseline")
+    )
+    if not isinstance(section, Mapping) or names[0] not in section:
+        raise FileError(file, f"states no {' or '.join(_SETTINGS_KEYS)}: it is of neither PYME nor DECODE")
+
+    def number(name: str, above: float) -> float | None:
+        value = section.get(name)
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float) or not above < value < math.inf:
+            expected = "a finite number" if above == -math.inf else f"above {above:g}"
+            raise FileError(file, name, line_of(section, name), value=value, expected=expected)
+        return float(value)
+
+    electrons, multiplication, offset = number(names[0], 0.0), number(names[1], 0.0), number(names[2], -math.inf)
+    if electrons is None:
+        raise FileError(file, names[0], line_of(section, names[0]), value=None, expected="above 0")
+    return _Settings(file, of_pyme, (multiplication or 1.0) / electrons, offset)
 
 
 def _role(name: str) -> str | None:
@@ -432,7 +538,7 @@ def _role(name: str) -> str | None:
 def _maps_of(path: Path) -> dict[str, Array]:
     """Return the maps in a file by role, in DN and electrons."""
     suffix = path.suffix.lower()
-    readers = {".mat": _read_mat, ".tif": _read_tiff, ".tiff": _read_tiff, ".calb": _read_accent, ".npy": _read_npy}
+    readers = dict(zip(_MAP_SUFFIXES, (_read_mat, _read_tiff, _read_tiff, _read_accent, _read_npy), strict=True))
     if suffix not in readers:
         expected = "a file of maps: .mat, .tif, .calb or .npy"
         raise FileError(path, "suffix", value=suffix, expected=expected)
