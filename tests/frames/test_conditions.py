@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from raising import raises
 import photosite as ps
 from photosite.calibration.settings_result import SettingsCalibration
 from photosite.cli.calibrate import command
+from photosite.cli.main import run
 from photosite.errors import FileError, InputError
 from photosite.frames.conditions import CONDITIONS, label, parse_where, stated_conditions
 from photosite.frames.open import open_settings
@@ -167,6 +169,24 @@ def test_selections():
     assert set(parse_where(",".join(f"{name}=1" for name in CONDITIONS))) == set(CONDITIONS)
 
 
+@pytest.mark.parametrize("where", [["filter=R", "filter=G"], "filter=R,Filter=R", {"filter": "R", "FILTER": "G"}])
+def test_a_name_is_given_once(where):
+    with raises(InputError, "where filter", expected="given once"):
+        parse_where(where)
+
+
+@pytest.mark.parametrize("where", ["binning=2", "Binning=2X2", "BINNING=2 x 2", "binning=2×2", {"binning": 2}])
+def test_equal_meaning_selects_the_same_frames(tmp_path, where):
+    for binning in (1, 2):
+        put(tmp_path, f"b{binning}", IMAGETYP="FLAT", XBINNING=binning, YBINNING=binning)
+        frame = ps.RawFrame(np.ones((4, 6), np.uint16), 16, exposure_s=1, metadata={"kind": "dark", "binning": binning})
+        frame.save(tmp_path / f"d{binning}.png")
+    assert [each.conditions["binning"] for each in open_settings(tmp_path, cfa="mono")] == ["1x1", "2x2"]
+    assert ps.open_frames(tmp_path, cfa="mono", where=where).frame_count == 2
+    with raises(InputError, "where binning"):
+        ps.open_frames(tmp_path, where="binning=2x1")
+
+
 def test_gain_settings_are_selected_and_not_separated(tmp_path):
     for gain in (0, 100):
         put(tmp_path, f"g{gain}", IMAGETYP="FLAT", GAIN=gain)
@@ -200,6 +220,30 @@ def test_calibration_of_each_setting(measured):
         assert low < gain < high < 1.1 * gain
     assert list(found.refused) == ["read_mode=odd"]
     assert found.diagnostics[0].id == "setting-not-calibrated"
+
+
+@pytest.mark.filterwarnings("default::photosite.errors.PhotositeWarning")
+@pytest.mark.parametrize("output", [False, True])
+def test_status_tells_whether_a_setting_failed(measured, tmp_path, capsys, output):
+    """One of three fails, none of two, all of two; the others are shown and written."""
+
+    def status(folder):
+        written = tmp_path / f"{folder.name}.sensor.yaml"
+        done = run(["calibrate", str(folder), *(["--sensor", "sony-imx174", "-o", str(written)] if output else [])])
+        return done, len(list(tmp_path.glob(f"{folder.name}.*.yaml")))
+
+    for name, modes in (("both", ("high", "low")), ("none", ("odd", "even"))):
+        (tmp_path / name).mkdir()
+        for mode in modes:
+            for path in measured.glob(f"{'odd' if mode == 'even' else mode}*"):
+                frame = ps.read_raw(path)
+                metadata = {**frame.metadata, "read_mode": mode}
+                replace(frame, metadata=metadata).save(tmp_path / name / f"{mode}_{path.name}")
+    assert status(measured) == (2, 2 * output)
+    assert "1 of 3 settings failed: read_mode=odd" in capsys.readouterr().err
+    assert status(tmp_path / "both") == (0, 2 * output)
+    assert status(tmp_path / "none") == (2, 0)
+    assert "2 of 2 settings failed: read_mode=even; read_mode=odd" in capsys.readouterr().err
 
 
 def test_command_lists_settings_and_calibrates_each_or_one(measured, tmp_path):

@@ -14,7 +14,7 @@ from photosite.cli import options
 from photosite.cli.command import Command
 from photosite.cli.compilation import compile_statistics
 from photosite.cli.output import Stages, held_warnings, many, not_listed, say, say_if_compiling, show, table
-from photosite.errors import PhotositeError, printable
+from photosite.errors import CalibrationError, PhotositeError, printable
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -136,7 +136,7 @@ def command(
     every: bool,
     as_json: bool,
     **given: Any,
-) -> int | None:
+) -> int:
     """Estimate a sensor's parameters, with standard uncertainties, from dark and flat frames.
 
     PATH is a folder of frames, a protocol (YAML), an EMVA 1288 descriptor or a file with many frames. Parameters that
@@ -160,7 +160,8 @@ def command(
 
     Settings that differ in camera, read mode, offset, binning, subframe, set-point temperature, filter, or amplifier or
     chip of a file, as the files state them, are listed and calibrated one by one; --report compares them in one page.
-    -o writes a sensor file for each, named after its values: mine.R.sensor.yaml. --where chooses one setting.
+    -o writes a sensor file for each, named after its values: mine.R.sensor.yaml. --where chooses one setting. The exit
+    status is 2 if any setting cannot be calibrated or, with -o, gives no sensor file; the others are shown and written.
 
     \b
     Frames are read from
@@ -229,9 +230,11 @@ def command(
     say_if_compiling("site_planes._high_passed", compile_statistics)
     result = calibrate(frames, sensor, progress=Stages(), **chosen)
     not_listed(held, result.warnings)
-    written = outputs.write(result)
+    written, failed = outputs.write(result)
     show(as_json, result.to_dict, lambda: calibration_text(result, every=every), **written)
-    return None
+    if failed and isinstance(frames, list):
+        say(f"photosite: {len(failed)} of {len(frames)} settings failed: {'; '.join(failed)}")
+    return 2 if failed else 0
 
 
 def _check_memory(frames: _Frames, maps: MapsWanted, processes: int | None) -> None:
@@ -302,8 +305,8 @@ class _Outputs:
                 options.check_new(maps_path(path))
                 check_maps_are_free(path)
 
-    def write(self, result: AnyCalibration) -> dict[str, Path | Mapping[str, Path] | None]:
-        """Write the files of a result and return them by their names in the JSON object."""
+    def write(self, result: AnyCalibration) -> tuple[dict[str, Path | Mapping[str, Path] | None], Sequence[str]]:
+        """Write the files of a result; return them by their names in the JSON object, and the settings that failed."""
         from photosite.calibration.gain_series.result import GainSeries
         from photosite.calibration.result import Calibration
         from photosite.calibration.settings_result import SettingsCalibration
@@ -315,19 +318,25 @@ class _Outputs:
             _ = result.sensor  # raises before anything is written
         if self.report is not None:
             result.report(self.report)
-        if isinstance(result, SettingsCalibration) and self.sensor is not None:
-            sensors, missing = result.save(self.sensor)
+        if isinstance(result, SettingsCalibration):
+            if self.sensor is None:
+                return {"report": self.report}, [*result.refused]
+            try:
+                sensors, missing = result.save(self.sensor)
+            except CalibrationError as error:  # none of the settings has one
+                say(f"photosite: {error}")
+                return {"report": self.report}, [*result.settings, *result.refused]
             for name, reason in missing.items():
                 say(f"photosite: no sensor file for {name}: {reason}")
-            return {"sensors": sensors, "report": self.report}
+            return {"sensors": sensors, "report": self.report}, [*missing]
         if not isinstance(result, Calibration | GainSeries):
-            return {"report": self.report}
+            return {"report": self.report}, ()
         if self.sensor is not None:
             result.save(self.sensor)
         has_maps = isinstance(result, Calibration) and result.chip is not None
         beside = maps_path(self.sensor) if has_maps and self.sensor is not None else None
         entry = self.entry.write(result) if self.entry else None
-        return {"sensor": self.sensor, "maps": beside, "report": self.report, "entry": entry}
+        return {"sensor": self.sensor, "maps": beside, "report": self.report, "entry": entry}, ()
 
 
 def _open(path: Path, sensor_name: str | None, given: Mapping[str, Any]) -> tuple[_Frames, Sensor | None]:

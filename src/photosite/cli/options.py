@@ -316,7 +316,7 @@ where_option = click.option(
     metavar="NAME=VALUE",
     help="Frames of one setting, where files state several: filter=R, binning=2x2, read_mode, offset_setting, "
     "subframe, set_temperature_c, camera, serial_number, part, gain_setting, unit (number in a file of several). May "
-    "be repeated.",
+    "be repeated, with another name; upper and lower case are the same.",
 )
 """The option of `open_settings` and `open_frames` that selects frames by their conditions."""
 

@@ -64,11 +64,18 @@ def stated_conditions(metadata: Mapping[str, Any]) -> dict[str, str]:
     if "camera" not in found and metadata.get("model"):
         found = {"camera": metadata["model"], **found}
     texts = {
-        name: f"{value:g}" if isinstance(value, int | float) else str(value).strip() for name, value in found.items()
+        name: _canonical(name, f"{value:g}" if isinstance(value, int | float) else str(value).strip())
+        for name, value in found.items()
     }
     if "set_temperature_c" in found and not cooled(found["set_temperature_c"]):
         del texts["set_temperature_c"]
     return {name: text for name, text in texts.items() if text}
+
+
+def _canonical(name: str, value: str) -> str:
+    """Return a binning as 2x2, where it is 2 or 2 X 2; other values as they are."""
+    found = re.fullmatch(r"(\d+)(?:\s*[xX×*]\s*(\d+))?", value) if name == "binning" else None
+    return value if found is None else f"{int(found[1])}x{int(found[2] or found[1])}"
 
 
 def cooled(set_temperature_c: Any) -> bool:
@@ -77,12 +84,12 @@ def cooled(set_temperature_c: Any) -> bool:
 
 
 def parse_where(where: Where) -> dict[str, str]:
-    """Return the names and values of a selection.
+    """Return the names and values of a selection; names are of any case, and a binning of 2 is 2x2.
 
     Raises
     ------
     InputError
-        If a text is not NAME=VALUE, or no condition has the name.
+        If a text is not NAME=VALUE, no condition has the name, or one is given twice.
 
     Examples
     --------
@@ -97,11 +104,16 @@ def parse_where(where: Where) -> dict[str, str]:
         if wrong := next((part for part in parts if "=" not in part), None):
             raise InputError("where", value=wrong, expected="NAME=VALUE, such as filter=R")
         pairs = [(name.strip(), value.strip()) for name, _, value in (part.partition("=") for part in parts)]
-    for name, _ in pairs:
+    found: dict[str, str] = {}
+    for stated, value in pairs:
+        name = stated.lower().replace("-", "_")
         if name not in (*CONDITIONS, *_OTHERS):
             hint = did_you_mean(name, (*CONDITIONS, *_OTHERS))
-            raise InputError("where", value=name, expected="the name of a condition", hint=hint)
-    return dict(pairs)
+            raise InputError("where", value=stated, expected="the name of a condition", hint=hint)
+        if name in found:
+            raise InputError(f"where {name}", value=[found[name], value], expected="given once")
+        found[name] = _canonical(name, value)
+    return found
 
 
 def selected(frames: Sequence[T], where: Mapping[str, str]) -> list[T]:
