@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -95,6 +96,17 @@ def test_no_loss_is_written_as_zero() -> None:
     assert section.serial_inefficiency.standard_uncertainty > 0.0
 
 
+def test_charge_left_behind_is_named_with_the_change_of_the_gain() -> None:
+    """Variance of shot noise in 200 lines of which line n leaves n s behind and gets that of the line before."""
+    found = simulated(3, 1e-4, 0.0)
+    (named,) = found.diagnostics
+    lines = np.arange(1, found.parallel.transfers + 1)
+    kept = 1.0 - found.parallel.inefficiency.value * lines
+    assert named.size == pytest.approx(np.mean(kept**2 + (1.0 - kept) ** 2) - 1.0, rel=0.03)
+    assert named.parameters
+    assert replace(found, parallel=replace(found.parallel, seen=False)).diagnostics == ()
+
+
 def test_the_fraction_behind_the_last_line_is_that_of_clocked_lines() -> None:
     for s, lines in ((1e-5, 40), (1e-2, 40)):
         arrived = np.array([binom.cdf(np.arange(lines), k, 1.0 - s).sum() for k in range(lines, lines + 9)])
@@ -125,6 +137,9 @@ def test_from_frames_of_the_camera(output: str, tmp_path: Path) -> None:
     assert (measured.array.rows, measured.array.cols) == (46, 58)
     assert measured.effects.charge_transfer.output == output
     assert measured.effects.charge_transfer.parallel_inefficiency.value == found.parallel.inefficiency.value
+    (named,) = (each for each in calibration.diagnostics if each.id == "charge-left-behind")
+    assert {"system_gain_dn_per_e", "read_noise_e", "conversion_gain_uv_per_e"} <= set(named.parameters)
+    assert named.text in calibration.warnings
     calibration.report(tmp_path / "report.html")
     assert "Charge transfer inefficiency" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert calibration.to_dict()["charge_transfer"]["serial"]["transfers"] == found.serial.transfers

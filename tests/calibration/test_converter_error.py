@@ -8,12 +8,14 @@ import pytest
 
 from photosite.calibration.calibrate import calibrate
 from photosite.calibration.effects.converter_error import ConverterCodes, Density, converter_codes
+from photosite.calibration.parameters import PARAMETER_LABELS
 from photosite.errors import FileError, InputError
 from photosite.frames.io.formats import read_raw
 from photosite.frames.open import open_frames
 from photosite.sensor.io.sensor_file import load_sensor
 from photosite.studies.protocol import ShootingProtocol, Step, series
 from photosite.studies.virtual_lab import virtual_lab, with_pedestal
+from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.uncertain import Missing
 
 SENSOR = load_sensor("nikon-d200")
@@ -110,6 +112,28 @@ def test_the_file_has_the_error_of_the_codes():
     assert table[found.code].std() == pytest.approx(error[found.code].std(), rel=0.2)
     at_the_ends = 0.5 * (table[found.code] + table[found.code + 1])
     assert at_the_ends[2:-2] == pytest.approx(found.inl_lsb[2:-2], abs=0.015)
+
+
+def noise_after(error_lsb, mean_dn, noise_dn):
+    """Standard deviation of the codes of a normal input, from the exact shares."""
+    from scipy.stats import norm
+
+    share = np.diff(norm.cdf(edges(error_lsb), mean_dn, noise_dn), prepend=0.0)
+    return np.sqrt(share @ CODES**2 - (share @ CODES) ** 2)
+
+
+def test_unequal_codes_are_named_with_the_error_of_dark_noise():
+    """The size is the spread of the noise that an input of 1.5 DN has at different codes."""
+    found, _, error = measured(2, "every eighth", pixels=2_000_000)
+    (named,) = replace(found, dark_dn=1.5).diagnostics
+    noise = np.array([noise_after(error, mean, 1.5) for mean in np.arange(150.0, 800.0)])
+    assert named.size == pytest.approx(noise.std() / 1.5, rel=0.1)
+    concerned = DiagnosticKind("", "note", "", "", "", named.parameters).concerns(PARAMETER_LABELS)
+    assert {"read_noise_dn", "read_noise_e", "dsnu_e", "black_level_dn", "dynamic_range_db"} <= set(concerned)
+    assert "system_gain_dn_per_e" not in concerned
+    ideal, _, _ = measured(1, "ideal")
+    assert replace(ideal, dark_dn=1.5).diagnostics == ()
+    assert found.diagnostics == ()  # without dark frames, there are no figures of them
 
 
 def test_few_pixels_cover_too_few_codes():

@@ -138,8 +138,17 @@ def collected(
         if entry.value is None:
             reasons.setdefault((entry.reason_id, entry.reason or ""), []).append(name)
     withheld = (Diagnostic(id, "withheld", text, tuple(names)) for (id, text), names in reasons.items())
-    named = (
-        replace(entry, parameters=DiagnosticKind("", "note", "", "", "", entry.parameters).concerns(PARAMETER_LABELS))
-        for entry in (*raised, *left_out)
-    )
-    return (*named, *withheld)
+    return (*named((*raised, *left_out)), *withheld)
+
+
+def named(raised: Iterable[Diagnostic]) -> Iterator[Diagnostic]:
+    """Yield diagnostics with the names of the parameters that each concerns in place of patterns.
+
+    Examples
+    --------
+    >>> [found.parameters for found in named([Diagnostic("no-gain", "warning", "", ("system_gain_*",))])]
+    [('system_gain_dn_per_e',)]
+    """
+    for entry in raised:
+        kind = DiagnosticKind("", "note", "", "", "", entry.parameters)
+        yield replace(entry, parameters=kind.concerns(PARAMETER_LABELS))

@@ -8,6 +8,7 @@ from typing import Any
 
 from photosite.sensor.file_units import CONVERSION
 from photosite.sensor.model import Sensor
+from photosite.values.diagnostic import Diagnostic
 from photosite.values.estimate import Estimate
 from photosite.values.uncertain import Measured
 
@@ -58,6 +59,11 @@ class Finding:
     def estimates(self) -> Mapping[str, Estimate]:
         """The estimates by name: by default, those fields that are estimates."""
         return {name: entry for name, entry in vars(self).items() if isinstance(entry, Estimate)}
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """Parameters that the effect makes wrong by more than their uncertainty."""
+        return ()
 
     def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the fields of a sensor file that state the effect, as `Sensor.with_` takes them.

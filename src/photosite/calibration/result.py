@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from photosite.calibration.amplifiers import Amplifier
 from photosite.calibration.chip_maps.pixel_gain import PixelGains
 from photosite.calibration.chip_maps.temporal_noise import TemporalNoise
+from photosite.calibration.diagnostics import named
 from photosite.calibration.effect import effects
 from photosite.calibration.effects.black_level_drift import BlackLevelSeries
 from photosite.calibration.effects.blooming import BloomingResult
@@ -80,8 +81,9 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
     base, electrical_scale
         The sensor as known before the measurement, None if unknown; its voltage swing in V and analog gain with
         uncertainties, which all values in volts share.
-    diagnostics
-        Limitations of the result, frames left out, and why parameters have no value.
+    raised
+        Limitations of the result, frames left out, and why parameters have no value; `diagnostics` has those of the
+        findings, too.
     frames_used
         The frames that the result is based on.
     source
@@ -103,7 +105,7 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
     channels: Mapping[str, Parameters]
     curves: Mapping[str, Mapping[str, Curve]]
     linear_range: Mapping[str, LinearRange]
-    diagnostics: tuple[Diagnostic, ...]
+    raised: tuple[Diagnostic, ...] = field(repr=False)
     cfa: tuple[tuple[str, ...], ...]
     snr: Mapping[str, SnrCurve | Missing] = field(default_factory=dict)
     linearity: Mapping[str, Linearity | Missing] = field(default_factory=dict)
@@ -121,10 +123,19 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
         """Whether nothing tells the light of the levels, so that their signal stands for it."""
         return any(found.abscissa == "signal_dn" for found in self.linear_range.values())
 
+    @cached_property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:  # type: ignore[override]
+        """Limitations of the result, frames left out, why parameters have no value, and what the findings make wrong.
+
+        Some flat fields are read again when it is first read, as by `converter`.
+        """
+        found = (entry for entry in self.findings.values() if isinstance(entry, Finding))
+        return (*self.raised, *named(each for entry in found for each in entry.diagnostics))
+
     @property
     def rejected(self) -> tuple[str, ...]:
         """Texts of the diagnostics of frames that were left out."""
-        return texts(self.diagnostics, "left out")
+        return texts(self.raised, "left out")
 
     def _found(self, name: str, kind: type[_Found]) -> _Found | None:
         found = self.findings[name]
@@ -219,7 +230,7 @@ class Calibration(Diagnosed, Reported, MeasuredSensor):
 
     def _table(self) -> ResultTable:
         chip = f"{self.rows} x {self.cols} pixels, {self.bits} bits"
-        limits = f", warnings: {len(self.warnings)}" if self.warnings else ""
+        limits = f", warnings: {len(warnings)}" if (warnings := texts(self.raised, "note", "warning")) else ""
         title = f"Calibration of {clipped(self.source, 40)}: {self.frame_count} frames of {chip}{limits}"
         return replace(super()._table(), title=title)
 

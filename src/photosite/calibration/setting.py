@@ -200,7 +200,7 @@ def _calibration(evidence: Evidence, findings: Findings, raised: Sequence[Diagno
         dsnu1288_exposure_s={name: t for name, pattern in patterns.items() for t in pattern.dsnu1288_exposures_s},
         model="linear" if photons_known else "general",
         general={name: general_model(channel) for name, channel in channels.items()},
-        diagnostics=collected(raised, reduction.rejected, evidence.parameters),
+        raised=collected(raised, reduction.rejected, evidence.parameters),
         frames_used=reduction.as_taken.used,
         source=frames.source,
         rows=frames.rows,

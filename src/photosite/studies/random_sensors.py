@@ -312,19 +312,19 @@ def measure_sensor(sensor: DrawnSensor) -> SensorResult:
             calibration = calibrate(open_frames(path, **options))
         except PhotositeError as error:
             return SensorResult(sensor, refused=str(error))
-    if not isinstance(calibration, Calibration):
-        return SensorResult(sensor, refused=f"calibrated as {type(calibration).__name__}")
-    estimates = calibration.estimates()
-    hidden = estimates["read_noise_e"].reason_id == "noise-hidden-by-quantization"
-    truth = sensor.truth(calibration.dsnu1288_exposure_s, hidden=hidden)
-    return SensorResult(
-        sensor,
-        {name: compare_estimate(estimates[name], true) for name, true in truth.items()},
-        frozenset(
-            [each.id for each in calibration.diagnostics if each.severity != "withheld"]
-            + [id for name in truth if (id := estimates[name].reason_id)]
-        ),
-    )
+        if not isinstance(calibration, Calibration):
+            return SensorResult(sensor, refused=f"calibrated as {type(calibration).__name__}")
+        estimates = calibration.estimates()
+        hidden = estimates["read_noise_e"].reason_id == "noise-hidden-by-quantization"
+        truth = sensor.truth(calibration.dsnu1288_exposure_s, hidden=hidden)
+        return SensorResult(
+            sensor,
+            {name: compare_estimate(estimates[name], true) for name, true in truth.items()},
+            frozenset(
+                [each.id for each in calibration.diagnostics if each.severity != "withheld"]
+                + [id for name in truth if (id := estimates[name].reason_id)]
+            ),
+        )
 
 
 def _figure(study: RandomSensors) -> Figure:

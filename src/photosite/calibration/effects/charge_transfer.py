@@ -18,6 +18,7 @@ from photosite.calibration.withheld import EFFECT_NOT_MEASURED
 from photosite.frames.frame_set import FrameGroup
 from photosite.sensor.effects.charge_transfer import ChargeTransfer
 from photosite.sensor.model import Sensor
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 from photosite.values.estimate import Estimate
 from photosite.values.shown import ResultTable, Shown, Tabular
 from photosite.values.uncertain import Measured, Missing, Source, Uncertain
@@ -64,6 +65,19 @@ class EdgeResponse(Shown):
     seen: bool = False
 
 
+CHARGE_LEFT_BEHIND = DiagnosticKind(
+    "charge-left-behind",
+    "warning",
+    "Charge stays behind at the transfers of a CCD.",
+    "Pixels share charge, which lowers the temporal variance of flat fields, and the system gain with it, by half of "
+    "the charge that the farthest pixel leaves behind, in each direction. Values in electrons and the quantum "
+    "efficiency are too large by as much. Their intervals do not contain this.",
+    "Nothing: the sensor file has the inefficiency. Slower clocks or a smaller region leave less charge behind.",
+    ("system_gain_dn_per_e", "conversion_gain_*", "quantum_efficiency_percent", "*_e", "*_e_per_s", "dcnu_percent"),
+    "relative change of the system gain",
+)
+
+
 @dataclass(frozen=True)
 class TransferLoss(Finding, Tabular):
     """Charge transfer inefficiency along the columns (parallel) and along the rows (serial)."""
@@ -80,6 +94,27 @@ class TransferLoss(Finding, Tabular):
     def estimates(self) -> dict[str, Estimate]:
         """The inefficiency of each direction."""
         return {"parallel": self.parallel.inefficiency, "serial": self.serial.inefficiency}
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """The parameters that the charge left behind makes wrong, and by how much."""
+        lost = {
+            name: edge.transfers * edge.inefficiency.value
+            for name, edge in (("parallel", self.parallel), ("serial", self.serial))
+            if edge.seen and edge.inefficiency.value is not None
+        }
+        if not lost:
+            return ()
+        # Pixel n of N leaves f = n s behind, so that the mean of (1 - f)^2 + f^2 is 1 - N s
+        size = -sum(lost.values())
+        return (
+            CHARGE_LEFT_BEHIND(
+                f"charge stays behind at transfers ({' and '.join(lost)}): pixels share charge, and the system gain is "
+                f"about {-100.0 * size:.2g} % too low, values in electrons as much too high, which their intervals do "
+                f"not contain",
+                size,
+            ),
+        )
 
     def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the section of a sensor file; an inefficiency that is not seen is 0 with its uncertainty."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -29,6 +29,7 @@ from photosite.errors import InputError
 from photosite.sensor.effects.converter_error import ConverterError
 from photosite.sensor.model import Sensor
 from photosite.values.deferred import Deferred
+from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 from photosite.values.estimate import Estimate
 from photosite.values.shown import Shown
 from photosite.values.uncertain import Missing, Uncertain
@@ -72,6 +73,24 @@ _AVERAGED, _AVERAGED_POWERS, _TABLE_TURNS = 4, 9, 4
 """Smooth parts and frequencies over which scatter and powers are averaged, and passes of the table's correction."""
 
 
+CONVERTER_CODES = DiagnosticKind(
+    "unequal-codes",
+    "warning",
+    "Codes of the converter have different widths.",
+    "Dark frames cover few codes. The mean width of these scales read noise, noise of rows and columns, and DSNU; "
+    "their errors change the black level and the dark current. The intervals do not contain this.",
+    "Raise the gain before the converter, so that dark frames cover more codes. The sensor file has the errors of the "
+    "codes that flat fields cover.",
+    (
+        *("read_noise_*", "row_noise_*", "column_noise_*", "temporal_dark_noise_*", "dsnu*", "*_offset_e"),
+        *("black_level_dn", "dark_current_*", "dark_voltage_*", "dcnu_percent"),
+        *("sensitivity_threshold_photons", "dynamic_range_db", "responsivity_dn_per_photon"),
+    ),
+    "relative error of the noise of dark frames, as a standard deviation over the codes",
+    "below 1 of 10 000 ideal converters",
+)
+
+
 @dataclass(frozen=True, eq=False)
 class ConverterCodes(Finding, Shown):
     """Differential and integral nonlinearity of the converter, without what changes slowly over the codes.
@@ -99,6 +118,8 @@ class ConverterCodes(Finding, Shown):
         Highest code; fraction of the codes between the dimmest and the brightest flat field that are covered.
     densities
         Densities of the groups over the codes.
+    dark_dn
+        Standard deviation of the numbers of the dark frames, noise and DSNU; NaN without dark frames.
     """
 
     code: NDArray[np.int64]
@@ -113,6 +134,7 @@ class ConverterCodes(Finding, Shown):
     white_dn: int
     fraction: float
     densities: tuple[SmoothDensity, ...] = field(repr=False)
+    dark_dn: float = math.nan
 
     def fast_part(self, dnl_lsb: Array) -> tuple[Array, Array]:
         """Return the part of a known error that these flat fields can show, as DNL and INL of the covered codes.
@@ -155,6 +177,34 @@ class ConverterCodes(Finding, Shown):
         """Whether there is an error beyond chance."""
         return self.significant
 
+    @property
+    def dark_scale_error(self) -> float:
+        """Relative error of the noise of dark frames over the codes, as a standard deviation, if theirs are like these.
+
+        By Stein's lemma, the covariance of a normal input of standard deviation s with the error of its code is s^2
+        times the mean width, less 1, of the codes under the normal density. Sampling noise of the widths is included;
+        what changes too slowly over the codes for flat fields to show it is not.
+        """
+        reach = math.ceil(4.0 * self.dark_dn)
+        weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / self.dark_dn) ** 2)
+        return float(np.convolve(self.dnl_lsb, weight / weight.sum(), mode="same").std())
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """The parameters of dark frames, which cover few codes."""
+        if not self.significant or not self.dark_dn > 0.0:
+            return ()
+        size = self.dark_scale_error
+        return (
+            CONVERTER_CODES(
+                f"the converter's codes differ in width by {self.dnl_rms_lsb.value:.2g} LSB: read noise, DSNU and what "
+                f"follows from them, of the few codes that dark frames cover, are off by about {100.0 * size:.1g} % "
+                f"(standard deviation over the codes), which their intervals do not contain, and black level and dark "
+                f"current by the errors of these codes",
+                size,
+            ),
+        )
+
     def section(self, base: Sensor, source: str) -> dict[str, Any]:
         """Return the error for a sensor file, 0 at codes that are not covered.
 
@@ -195,6 +245,8 @@ def measure_converter(reduction: Reduction) -> Deferred[ConverterCodes | Missing
     frames, levels = reduction.frames, [level.mean for entry in chosen for level in entry.levels]
     each = max(2, -(-PIXELS // (frames.rows * frames.cols * len(chosen))))
     used = {id(frame.source): frame for frame in reduction.used}
+    dark = [] if reduction.reference_group is None else reduction.reference_group.levels
+    dark_dn = min((math.sqrt(level.variance + level.spatial_variance) for level in dark), default=math.nan)
     counted = [
         (
             [found for source in entry.group.frames if (found := used.get(id(source)))][:each],
@@ -206,7 +258,8 @@ def measure_converter(reduction: Reduction) -> Deferred[ConverterCodes | Missing
     def codes() -> ConverterCodes | Missing:
         with FrameReader(frames) as reader:
             densities = [Density(_counts(reader, group), noise) for group, noise in counted]
-        return converter_codes(densities, (min(levels), max(levels)))
+        found = converter_codes(densities, (min(levels), max(levels)))
+        return found if isinstance(found, Missing) else replace(found, dark_dn=dark_dn)
 
     return Deferred(codes)
 
