@@ -47,6 +47,34 @@ def test_a_comparison_its_python_and_its_command_agree(
     assert json_of(line, capsys) | {"notes": []} == json.loads(json.dumps(found))
 
 
+def test_values_of_image_quality_are_columns_of_a_comparison(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = Places(folder=tmp_path)
+    ps.load_sensor("nikon-d200").with_(rows=264, cols=392, black_level_dn=64).save(tmp_path / "small.sensor.yaml")
+    small = SensorState(source="file:small.sensor.yaml")
+    cameras = tuple(CameraChoice(sensor=small, lens=LensState(f_number=n)) for n in (4, 200))
+    request = Comparison(cameras=cameras, illuminant="D65", values=("edge-sfr.mtf50", "noise.snr_18_db.G"))
+    reported: list[str] = []
+    found = compare(request, places, lambda *part: reported.append(part[2]))
+    sharp, blurred = found["quality"].values()
+    assert list(sharp) == list(blurred) == [*(f"edge-sfr.mtf50.{each}" for each in "RGB"), "noise.snr_18_db.G"]
+    low, high = sharp["edge-sfr.mtf50.G"]["interval_95"]
+    assert low < sharp["edge-sfr.mtf50.G"]["value"] < high
+    assert sharp["edge-sfr.mtf50.G"]["unit"] == "cycles/pixel"
+    assert (blurred["edge-sfr.mtf50.G"]["value"], blurred["noise.snr_18_db.G"]["unit"]) == (None, "dB")
+    assert blurred["edge-sfr.mtf50.G"]["reason"]
+    assert {text.partition(":")[0] for text in reported} == set(found["quality"])
+    python, command = compare_code(request, places)
+    assert executed(python)["found"].to_dict()["quality"] == found["quality"]
+    monkeypatch.chdir(tmp_path)
+    *files, line = command.split("\nEND\n")
+    for text in files:
+        name, content = text.split("\n", 1)
+        Path(name.split()[2]).write_text(content)
+    assert json_of(line, capsys)["quality"] == json.loads(json.dumps(found["quality"]))
+
+
 def test_cameras_are_named_by_what_they_differ_in() -> None:
     changed = SensorState(changes={"read_noise_e": 2.0})
     sensors = tuple(CameraChoice(sensor=one) for one in (SensorState(), changed, changed))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,6 +39,7 @@ from photosite.app.views import (
 from photosite.errors import FileError, InputError
 from photosite.frames.io.libcamera import read_libcamera
 from photosite.frames.raw_frame import RawFrame
+from photosite.metrics.registry import measurements
 from photosite.report.numbers import format_duration
 
 NOWHERE = Places()
@@ -84,6 +86,59 @@ def test_a_sweep_and_its_code_agree(
     json_of(rest.strip().splitlines()[-1], capsys)
     table = np.genfromtxt("workbench.csv", delimiter=",", names=True)
     assert table["snr_db"].tolist() == pytest.approx(found["columns"]["snr_db"], rel=1e-12)
+
+
+def test_a_sweep_of_image_quality_and_its_code_agree(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Contrast is detected more often in more light; the values come from the registry."""
+    name = "contrast-detection.probability.G, neutral 3.5 and neutral 5"
+    (tmp_path / "served").mkdir()
+    ps.load_sensor("nikon-d200").with_(rows=264, cols=392).save(tmp_path / "served" / "small.sensor.yaml")
+    places = Places(folder=tmp_path / "served")
+    light = Range(field="mean_luminance_cd_m2", first=20, last=200, count=2)
+    request = SweepRequest(
+        sensor=SensorState(source="file:small.sensor.yaml"),
+        lens=LensState(f_number=8),
+        ranges=(light,),
+        measure="image_quality",
+        values=(name,),
+        frames=2,
+        exposure_s=1 / 200,
+    )
+    reported: list[tuple[int, int, str]] = []
+    found = run_sweep(request, places, lambda *part: reported.append(part))
+    assert found["measured"] == [name]
+    assert "CTA" in found["labels"][name]
+    dim, bright = found["columns"][name]
+    assert dim < 0.4 < 0.9 < bright
+    assert found["columns"][f"low({name})"][1] < bright < found["columns"][f"high({name})"][1]
+    assert reported[0][:2] == (0, 2)
+    assert reported[-1][:2] == (2, 2)
+    python, command = sweep_code(request, places)
+    assert executed(python)["table"].to_dict() == found["columns"]
+    monkeypatch.chdir(tmp_path)
+    Path("workbench.sweep.yaml").write_text(command.split("\n", 1)[1].partition("\nEND\n")[0])
+    rows = json_of(command.strip().splitlines()[-1], capsys)["rows"]
+    assert [row[1] for row in rows] == found["columns"][name]
+
+
+def test_values_of_image_quality_are_those_of_the_registry(client) -> None:
+    found = {each["name"]: each for each in client.get("/api/values").json()}
+    assert found["edge-sfr.mtf50"]["unit"] == "cycles/pixel"
+    assert "exposure_stops" in measurements()["color-accuracy"].quantities
+    assert "color-accuracy.exposure_stops" not in found
+    for path, extra in (("sweep", {"measure": "image_quality"}), ("comparison", {})):
+        refused = client.post(f"/api/{path}", json={"values": ["edge-sfr.mtf51"]} | extra)
+        assert refused.status_code == 422
+        assert "mtf50" in refused.json()["error"]
+
+
+@pytest.mark.parametrize("wrong", [{"measure": "image_quality"}, {"exposure_s": None}])
+def test_sweeps_without_values_or_exposure_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError) as caught:
+        run_sweep(SweepRequest.model_validate(wrong), NOWHERE)
+    assert caught.value.what == ("values" if "measure" in wrong else "exposure_s")
 
 
 @pytest.mark.parametrize(

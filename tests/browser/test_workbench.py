@@ -523,6 +523,83 @@ def test_a_sweep_over_two_fields(page, link) -> None:
     assert download.value.path().read_text().startswith("pixel_width_um,f_number,signal_e")
 
 
+def add_values(page, view: str, label: str, *names: str) -> None:
+    for name in names:
+        group = page.locator(f"#view-{view}").get_by_role("group", name=label, exact=True)
+        group.get_by_role("combobox").select_option(name)
+
+
+def test_image_quality_is_swept(page, link, folder: Path, axe) -> None:
+    """Color differences against the f-number, with intervals; a camera without a value has the reason."""
+    opened(page, link, "sweep")
+    view = page.locator("#view-sweep")
+    view.get_by_label(re.compile("^Measure")).select_option("image_quality")
+    view.get_by_role("group", name="Values").wait_for()
+    view.get_by_label(re.compile("^Sensor")).select_option(label="chart.sensor.yaml")
+    view.get_by_role("button", name="Compute").click()
+    page.locator("#alert", has_text="values").wait_for()
+    add_values(page, "sweep", "Values", "color-accuracy.delta_e_2000_mean", "edge-sfr.mtf50", "sfr-map.mtf50")
+    view.get_by_role("button", name="Remove sfr-map.mtf50").click()
+    add_values(page, "sweep", "Values", "contrast-detection.dynamic_range_db")
+    view.get_by_label("To", exact=True).fill("8")
+    page.keyboard.press("Tab")
+    view.get_by_label("Values", exact=True).last.fill("3")
+    page.keyboard.press("Tab")
+    view.get_by_role("button", name="Compute").click()
+    view.locator("svg.plot path.line").first.wait_for()
+    assert page.locator("#alert").is_hidden()
+    show = view.get_by_label(re.compile("^Show"))
+    show.select_option("edge-sfr.mtf50.G")
+    labels = view.locator("svg.plot text").all_text_contents()
+    assert {"edge-sfr: MTF50, G (cycles/pixel)", "f-number"} <= set(labels)
+    assert view.locator("svg.plot .bar").count() == 3
+    assert "f_number = 1.4: " in view.get_by_label("Missing values").inner_text()
+    save(page, "sweep-quality")
+    show.select_option("color-accuracy.delta_e_2000_mean.matrix")
+    view.locator("svg.plot").focus()
+    page.keyboard.press("Home")
+    assert re.search(r"95 %: [\d.]+ to [\d.]+", view.locator(".plot-value").inner_text())
+    view.locator("summary").click()
+    assert re.search(r"\([\d.]+ to [\d.]+\)", view.locator("table").inner_text())
+    save(page, "sweep-quality-table")
+    page.evaluate(axe)
+    assert not page.evaluate(f"axe.run(document, {{runOnly: {json.dumps(RULES)}}})")["violations"]
+    with page.expect_download() as download:
+        view.get_by_role("button", name="Save CSV").click()
+    assert "low(edge-sfr.mtf50.G)" in download.value.path().read_text().splitlines()[0]
+    view.get_by_role("button", name="Copy as command").click()
+    page.wait_for_selector("#code[open]")
+    assert '"image_quality"' in page.inner_text("#code-text")
+
+
+def test_image_quality_is_compared(page, link, axe) -> None:
+    opened(page, link, "compare")
+    view = page.locator("#view-compare")
+    for name in ("chart.sensor.yaml", "small.sensor.yaml"):
+        view.get_by_role("checkbox", name=name).check()
+    for name in ("google-pixel-4a", "nikon-d200"):
+        view.get_by_role("checkbox", name=name).uncheck()
+    add_values(page, "compare", "Image quality of simulated charts", "edge-sfr.mtf50", "noise.snr_18_db")
+    row = view.get_by_role("row", name="edge-sfr: MTF50, G (cycles/pixel)")
+    row.wait_for()
+    wait(page, "document.querySelectorAll('#view-compare .badge.exact').length === 2")
+    assert re.fullmatch(r"[\d.]+ \([\d.]+ to [\d.]+\)", row.get_by_role("cell").first.inner_text())
+    save(page, "compare-quality")
+    page.evaluate(axe)
+    assert not page.evaluate(f"axe.run(document, {{runOnly: {json.dumps(RULES)}}})")["violations"]
+    view.get_by_role("button", name="Copy as command").click()
+    page.wait_for_selector("#code[open]")
+    assert "--value edge-sfr.mtf50" in page.inner_text("#code-text")
+    page.click("#code-close")
+    copied = page.url
+    page.goto(link.split("/?")[0] + "/#plan")
+    page.goto(copied)
+    page.reload()
+    view.get_by_role("button", name="Remove noise.snr_18_db").click()
+    wait(page, "!document.querySelector('#view-compare').innerText.includes('noise: SNR')")
+    row.wait_for()
+
+
 def test_sensors_are_compared_with_linked_pictures_and_code(page, link) -> None:
     opened(page, link, "compare")
     view = page.locator("#view-compare")

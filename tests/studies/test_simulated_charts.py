@@ -11,6 +11,7 @@ import pytest
 
 import photosite as ps
 from photosite.errors import InputError
+from photosite.studies import simulated_charts
 from photosite.studies.simulated_charts import ChartConditions, image_quality, measure_camera
 from photosite.studies.sweep_file import load_sweep
 
@@ -102,6 +103,25 @@ def test_light_of_the_charts_is_swept(camera: ps.Camera, tmp_path: Path) -> None
         image_quality(camera, ps.charts.macbeth("D65", 40), values=[name])
 
 
+def test_a_camera_without_a_value_does_not_end_a_sweep(camera: ps.Camera, tmp_path: Path) -> None:
+    """An edge behind f/200 is wider than its profile: no MTF50, with the reason; the checkpoint keeps estimates."""
+    arguments = (camera, {"f_number": [8, 200]}, partial(image_quality, values=["edge-sfr.mtf50"], frames=2))
+    found = ps.studies.sweep(*arguments, checkpoint=tmp_path / "kept", progress=False)
+    assert found.values == ("edge-sfr.mtf50.R", "edge-sfr.mtf50.G", "edge-sfr.mtf50.B")
+    value, low, high = (found[name] for name in ("edge-sfr.mtf50.G", "low(edge-sfr.mtf50.G)", "high(edge-sfr.mtf50.G)"))
+    assert low[0] < value[0] < high[0]
+    assert np.isnan([value[1], low[1], high[1]]).all()
+    assert ["f_number = 200" in note for note in found.notes] == [True] * 3
+    again = ps.studies.sweep(*arguments, checkpoint=tmp_path / "kept", progress=False)
+    assert repr((again.rows, again.notes)) == repr((found.rows, found.notes))
+    axes = found.plot()
+    assert axes.get_ylabel() == "edge-sfr: MTF50, B (cycles/pixel)"
+    assert tuple(axes.collections[0].get_paths()[0].vertices[:, 1]) == (
+        found["low(edge-sfr.mtf50.B)"][0],
+        found["high(edge-sfr.mtf50.B)"][0],
+    )
+
+
 def test_comparisons_take_values_of_image_quality() -> None:
     sensor = ps.load_sensor("nikon-d200").with_(rows=264, cols=392, black_level_dn=100)
     lenses = {f"f/{n}": ps.DiffractionLimited(f_number=n, focal_length_mm=50) for n in (4, 16)}
@@ -116,6 +136,11 @@ def test_comparisons_take_values_of_image_quality() -> None:
     facts = of_sensors.facts()
     assert facts["mono"]["edge-sfr.mtf50.R"] is None
     assert facts["color"]["edge-sfr.mtf50.R"] is not None
+    content = of_sensors.to_dict()["quality"]
+    red = content["color"]["edge-sfr.mtf50.R"]
+    assert red["unit"] == "cycles/pixel"
+    assert red["interval_95"][0] < red["value"] < red["interval_95"][1]
+    assert content["mono"]["edge-sfr.mtf50.R"]["reason"]
 
 
 def test_dark_current_is_no_signal(camera: ps.Camera) -> None:
@@ -136,3 +161,21 @@ def test_dark_current_is_no_signal(camera: ps.Camera) -> None:
     as_signal = raw.charts["macbeth"]["noise"]["dynamic_range_db", "G"].value
     assert as_signal is not None
     assert as_signal - truth > 3.0
+
+
+def test_a_part_of_a_large_field_shows_responses_of_lenses_that_blur_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The middle has the MTF50 of the whole; a lens that blurs the corners more is refused with what to do."""
+    sensor = ps.load_sensor("nikon-d200").with_(rows=600, cols=800, black_level_dn=100)
+    camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    chosen = {"values": ["sfr-map.mtf50"], "frames": 0}
+    whole = image_quality(camera, **chosen)["sfr-map.mtf50.field"].value
+    monkeypatch.setattr(simulated_charts, "_MOST_FIELD_CELLS", 25 * 420 * 560)
+    seen = simulated_charts.seen_chart(camera, "slanted-squares", "field", ChartConditions(0))
+    assert seen.mean_electrons.shape == (420, 560)
+    assert image_quality(camera, **chosen)["sfr-map.mtf50.field"].value == pytest.approx(whole, rel=5e-3)
+    distorted = ps.Lens(camera.optics, distortion=ps.optics.Distortion.polynomial(-0.1))
+    monkeypatch.setattr(simulated_charts, "_MOST_FIELD_CELLS", 9 * 420 * 560)
+    with pytest.raises(InputError) as caught:
+        image_quality(ps.Camera(distorted, sensor), **chosen)
+    assert caught.value.value == 480_000
+    assert caught.value.hint

@@ -17,9 +17,10 @@ from pydantic import Field
 from photosite.app.copy_text import exposure_text, lens_lines, sensor_lines, source_name
 from photosite.app.lens_state import LensState, lens
 from photosite.app.places import Part, Places, Text
+from photosite.app.quality_values import QualityValues
 from photosite.app.recorded_warnings import recorded_warnings
 from photosite.app.state import LIGHT, SensorState, changed_sensor, light_name
-from photosite.app.workers import Progress
+from photosite.app.workers import Progress, steps
 from photosite.camera.camera import Camera
 from photosite.develop.develop import save_picture
 from photosite.errors import InputError
@@ -51,6 +52,7 @@ class Comparison(Part):
     mean_luminance_cd_m2: float = Field(40.0, gt=0, le=1e9, description="Mean luminance of the chart's patches.")
     distance_m: float = Field(DEFAULT_DISTANCE_M, gt=0, le=1e6, description="Distance from the lens to the chart.")
     seed: int = Field(0, ge=0, lt=1 << 53, description="Key of the noise in the frames of the chart.")
+    values: QualityValues = ()
 
 
 _CONDITIONS = ("exposure_s", "mean_luminance_cd_m2", "distance_m", "seed")
@@ -59,7 +61,8 @@ _CONDITIONS = ("exposure_s", "mean_luminance_cd_m2", "distance_m", "seed")
 def _conditions(request: Comparison, places: Places) -> dict[str, Any]:
     """Return the conditions as `compare_cameras` takes them."""
     conditions = {name: getattr(request, name) for name in _CONDITIONS}
-    return {"illuminant": light_name(request.illuminant, places), **conditions}
+    values = {"values": request.values} if request.values else {}
+    return {"illuminant": light_name(request.illuminant, places), **conditions, **values}
 
 
 def _labels(cameras: tuple[CameraChoice, ...], places: Places) -> list[str]:
@@ -104,7 +107,7 @@ def compare(request: Comparison, places: Places, progress: Progress | None = Non
         for label, one in zip(_labels(request.cameras, places), request.cameras, strict=True)
     }
     with recorded_warnings() as texts:
-        found = compare_cameras(cameras, **_conditions(request, places)).to_dict()
+        found = compare_cameras(cameras, on_progress=steps(progress), **_conditions(request, places)).to_dict()
     return {**found, "illuminant": _file_name(request.illuminant, places), "notes": texts}
 
 
@@ -126,7 +129,8 @@ def compare_code(request: Comparison, places: Places) -> tuple[str, str]:
             command += f"cat > {name} <<'END'\n{content}\nEND\n"
         words = ["photosite", "cameras", "compare", *names, "--exposure", exposure_text(request.exposure_s)]
         words += ["--illuminant", conditions["illuminant"], "--luminance", repr(request.mean_luminance_cd_m2)]
-        command += shlex.join([*words, "--distance", repr(request.distance_m), "--seed", str(request.seed)])
+        words += ["--distance", repr(request.distance_m), "--seed", str(request.seed)]
+        command += shlex.join([*words, *(word for name in request.values for word in ("--value", name))])
     return "\n".join(lines) + "\n", command
 
 

@@ -15,7 +15,7 @@ from photosite.app.copy_text import lens_lines, sensor_lines, source_name
 from photosite.app.lens_state import LensState, lens
 from photosite.app.places import Part, Places, Text
 from photosite.app.state import LIGHT, SensorState, changed_sensor, light_name
-from photosite.app.workers import Progress
+from photosite.app.workers import Progress, steps
 from photosite.camera.camera import Camera
 from photosite.errors import InputError
 from photosite.frames.io.formats import raw_files
@@ -49,14 +49,7 @@ class QualityRequest(Part):
 def run_quality(request: QualityRequest, places: Places, progress: Progress | None = None) -> dict[str, Any]:
     """Return the sections of the measurements: values, figures as PNG in base64, and diagnostics."""
     light = light_name(request.illuminant, places)
-    steps = 0
-
-    def report(what: str) -> None:
-        nonlocal steps
-        steps += 1
-        if progress is not None:
-            progress(steps, steps + 1, what)
-
+    report = steps(progress)
     if request.measured:
         files = [file for path in _paths(request, places) for file in raw_files(path)]
         found = measure_files(

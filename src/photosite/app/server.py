@@ -46,6 +46,7 @@ from photosite.app.files import (
 from photosite.app.form import Form, form
 from photosite.app.guard import App, Guard
 from photosite.app.places import UPLOAD, Part, Places, Text
+from photosite.app.quality_values import ValueInfo, known_values
 from photosite.app.state import TOO_DEEP, CameraState, SensorState
 from photosite.app.view import prepare_views, view_bytes
 from photosite.app.view_pixels import View
@@ -347,6 +348,11 @@ def _add_facts(app: FastAPI, workbench: Workbench) -> None:
         from photosite.metrics.registry import charts_measured
 
         return list(charts_measured())
+
+    @app.get("/api/values")
+    def values() -> list[ValueInfo]:
+        """Return the values of image quality that comparisons and sweeps take."""
+        return known_values()
 
     @app.get("/api/parameters")
     def parameters() -> list[ParameterInfo]:

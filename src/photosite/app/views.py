@@ -34,16 +34,21 @@ from photosite.app.compare_view import (
 from photosite.app.copy_text import exposure_text, lens_lines, sensor_lines, source_name
 from photosite.app.lens_state import LensState, lens
 from photosite.app.places import Part, Places, Text
+from photosite.app.quality_values import QualityValues
 from photosite.app.quality_view import QualityRequest, quality_code, run_quality
 from photosite.app.state import LIGHT, SensorState, changed_sensor, light_name
 from photosite.app.workers import Progress
 from photosite.camera.camera import Camera
 from photosite.errors import InputError
+from photosite.metrics.registry import axis_label
 from photosite.report.numbers import format_duration
 from photosite.report.style import new_figure, styled
+from photosite.scene import charts
+from photosite.scene.scene import Scene
 from photosite.studies.gray_surface import snr
 from photosite.studies.planning import Design, Want, plan_frames, precision_curves
 from photosite.studies.sensor_comparison import sensor_figures
+from photosite.studies.simulated_charts import image_quality
 from photosite.studies.sweep import sweep
 from photosite.studies.virtual_lab import with_pedestal
 
@@ -168,29 +173,40 @@ class SweepRequest(Part):
     ranges: Annotated[tuple[Range, ...], Field(min_length=1, max_length=2)] = (
         Range(field="pixel_width_um", first=1, last=8, count=15),
     )
-    measure: Literal["snr", "sensor_figures"] = Field("snr", description="As for `photosite sweep`.")
-    luminance_cd_m2: float = Field(5.0, gt=0, le=1e9, description="Luminance of the surface, for snr.")
-    exposure_s: float = Field(1 / 60, gt=0, le=1e5, description="Exposure time in s.")
+    measure: Literal["snr", "sensor_figures", "image_quality"] = Field("snr", description="As for `photosite sweep`.")
+    luminance_cd_m2: float = Field(5.0, gt=0, le=1e9, description="Luminance of the surface, or mean of the charts.")
+    exposure_s: float | None = Field(
+        1 / 60, gt=0, le=1e5, description="Exposure time in s. null: just below saturation, for image_quality."
+    )
     illuminant: Text = Field("D65", description=LIGHT)
+    values: QualityValues = ()
+    frames: int = Field(4, ge=0, le=64, description="Frames of each chart; 0: mean electrons without noise.")
 
 
 def run_sweep(request: SweepRequest, places: Places, progress: Progress | None = None) -> dict[str, Any]:
-    """Return the columns of `sweep`, their units, and its figure as PNG in base64."""
+    """Return the columns of `sweep`, labels and units of image quality, notes, and its figure as PNG in base64."""
     values = _values(request)
     if (points := math.prod(map(len, values.values()))) > _MOST_POINTS:
         raise InputError("values", value=points, expected=f"at most {_MOST_POINTS} cameras")
     camera = Camera(lens(request.lens, places), changed_sensor(request.sensor, places))
-    measure, done = _measure(request, places), 0
+    arguments, done = _arguments(request, places), 0
 
-    def counted(changed: Camera) -> Any:
-        nonlocal done
-        found = measure(changed)
-        done += 1
+    def report(_: str = "") -> None:
         if progress is not None:
             progress(done, points, "cameras")
+
+    if request.measure == "image_quality":
+        arguments["on_progress"] = report  # where the job can be cancelled, too
+    measure = partial(_MEASURES[request.measure][0], **arguments)
+
+    def counted(*changed: Any) -> Any:
+        nonlocal done
+        found = measure(*changed)
+        done += 1
+        report()
         return found
 
-    found = sweep(camera, values, counted, progress=False)
+    found = sweep(camera, values, counted, scene=_scene(request, places), progress=False)
     picture = io.BytesIO()
     with styled():
         figure, axes = new_figure()
@@ -199,8 +215,10 @@ def run_sweep(request: SweepRequest, places: Places, progress: Progress | None =
     columns = {name: [_finite(value) for value in column] for name, column in found.to_dict().items()}
     return {
         "fields": list(found.fields),
-        "measured": list(found.measured),
+        "measured": list(found.values),
+        "labels": {} if request.measure != "image_quality" else {name: axis_label(name) for name in found.values},
         "columns": columns,
+        "notes": list(found.notes),
         "png": base64.b64encode(picture.getvalue()).decode(),
     }
 
@@ -215,32 +233,53 @@ def _values(request: SweepRequest) -> dict[str, list[float]]:
     return {entry.field: entry.values for entry in request.ranges}
 
 
-def _measure(request: SweepRequest, places: Places) -> Callable[[Camera], Any]:
-    light: dict[str, Any] = {"exposure_s": request.exposure_s, "illuminant": light_name(request.illuminant, places)}
-    if request.measure == "snr":
-        return partial(snr, luminance_cd_m2=request.luminance_cd_m2, **light)
-    return partial(sensor_figures, **light)
+_MEASURES: dict[str, tuple[Callable[..., Any], str]] = {
+    "snr": (snr, "gray_surface"),
+    "sensor_figures": (sensor_figures, "sensor_comparison"),
+    "image_quality": (image_quality, "simulated_charts"),
+}
+"""Functions of the measures, and their modules in `photosite.studies`."""
+
+
+def _arguments(request: SweepRequest, places: Places) -> dict[str, Any]:
+    """Return the arguments of the measure."""
+    quality = request.measure == "image_quality"
+    if quality and not request.values:
+        raise InputError("values", value=request.values, expected="at least one value of image quality")
+    if not quality and request.exposure_s is None:
+        raise InputError("exposure_s", value=None, expected=f"a time in s for {request.measure}")
+    light = {"exposure_s": request.exposure_s, "illuminant": light_name(request.illuminant, places)}
+    of_surface = {} if request.measure == "sensor_figures" else {"luminance_cd_m2": request.luminance_cd_m2}
+    return ({"values": request.values, "frames": request.frames} if quality else {}) | of_surface | light
+
+
+def _scene(request: SweepRequest, places: Places) -> Scene | None:
+    """Return the surface whose light the charts have, where it is varied."""
+    if request.measure != "image_quality" or "mean_luminance_cd_m2" not in _values(request):
+        return None
+    return charts.uniform(light_name(request.illuminant, places), request.luminance_cd_m2)
 
 
 def sweep_code(request: SweepRequest, places: Places) -> tuple[str, str]:
     """Return the sweep as Python code and as a sweep file with its command, which takes unchanged sensors only."""
     illuminant = light_name(request.illuminant, places)
-    light = f"exposure_s={request.exposure_s!r}, illuminant={illuminant!r}"
-    if request.measure == "snr":
-        light = f"luminance_cd_m2={request.luminance_cd_m2!r}, {light}"
-    where = "gray_surface" if request.measure == "snr" else "sensor_comparison"
+    arguments = _arguments(request, places)
+    function, where = _MEASURES[request.measure]
+    scene = f"scene = ps.charts.uniform({illuminant!r}, {request.luminance_cd_m2!r})"
+    varied = _scene(request, places) is not None
     lines = [
         "from functools import partial",
         "import photosite as ps",
-        f"from photosite.studies.{where} import {request.measure}",
+        f"from photosite.studies.{where} import {function.__name__}",
         "",
         *sensor_lines(request.sensor, places),
         *lens_lines(request.lens, places),
         f"values = {_values(request)!r}",
-        f"measure = partial({request.measure}, {light})",
-        "table = ps.studies.sweep(ps.Camera(optics, sensor), values, measure)",
+        f"measure = partial({function.__name__}, {', '.join(f'{name}={each!r}' for name, each in arguments.items())})",
+        *([scene] if varied else []),
+        f"table = ps.studies.sweep(ps.Camera(optics, sensor), values, measure{', scene=scene' if varied else ''})",
         "print(table)",
-        "table.plot(y=table.measured[-1])",
+        "table.plot()",
     ]
     command = ""
     if not request.sensor.changed:
@@ -249,9 +288,8 @@ def sweep_code(request: SweepRequest, places: Places) -> tuple[str, str]:
             camera["gain_setting"] = request.sensor.gain_setting
         source = request.lens.source
         camera["optics"] = request.lens.fields if source is None else source_name(source, places)
-        measured: dict[str, Any] = {"exposure": exposure_text(request.exposure_s), "illuminant": illuminant}
-        if request.measure == "snr":
-            measured["luminance_cd_m2"] = request.luminance_cd_m2
+        time_s = arguments.pop("exposure_s")
+        measured = arguments | ({} if time_s is None else {"exposure": exposure_text(time_s)})
         content = {
             "photosite_sweep": 1,
             "camera": camera,

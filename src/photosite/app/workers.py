@@ -8,6 +8,7 @@ calls need; until then jobs wait in the queue, and cancelling one leaves the pro
 from __future__ import annotations
 
 import contextlib
+import itertools
 import multiprocessing
 import os
 import secrets
@@ -36,6 +37,17 @@ _JOB_NICENESS = 5
 """A job gets a third of the time of a picture that is computed meanwhile; at 10, it stands still on a busy machine."""
 _POLL_S = 0.05
 _MOST_KEPT = 64
+
+
+def steps(progress: Progress | None) -> Callable[[str], None]:
+    """Return a function that reports each part of a computation of unknown length by its name."""
+    done = itertools.count(1)
+
+    def report(what: str) -> None:
+        if progress is not None:
+            progress(number := next(done), number + 1, what)
+
+    return report
 
 
 class WorkerError(Exception):

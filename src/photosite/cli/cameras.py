@@ -214,7 +214,8 @@ def compare(files: tuple[Path, ...], as_json: bool, **conditions: Any) -> None:
     names = [set_up.name or str(file) for set_up, file in zip(set_ups, files, strict=True)]
     if len(set(names)) < len(names):
         raise InputError("name", value=names, expected="different for each camera file")
-    found = compare_cameras({name: each.camera for name, each in zip(names, set_ups, strict=True)}, **conditions)
+    cameras = {name: each.camera for name, each in zip(names, set_ups, strict=True)}
+    found = compare_cameras(cameras, on_progress=say, **conditions)
     show(as_json, found.to_dict(), lambda: tabular(found))
 
 

@@ -13,7 +13,7 @@ import click
 from photosite.cli import options
 from photosite.cli.command import Group
 from photosite.cli.options import SENSOR_SUFFIXES, Whole, file_option, json_option
-from photosite.cli.output import show, table, tabular
+from photosite.cli.output import say, show, table, tabular
 from photosite.files.writing import atomic_path
 from photosite.files.yaml import parse_yaml
 from photosite.values.cfa import NAMED, tile_name
@@ -247,7 +247,7 @@ def compare(names: tuple[str, ...], as_json: bool, report: Path | None, **condit
     from photosite.sensor.io.sensor_file import load_sensor
     from photosite.studies.sensor_comparison import compare_sensors
 
-    found = compare_sensors({name: load_sensor(name) for name in names}, **conditions)
+    found = compare_sensors({name: load_sensor(name) for name in names}, on_progress=say, **conditions)
     if report is not None:
         found.report(report)
     show(as_json, found.to_dict(), lambda: tabular(found), report=report)

@@ -90,7 +90,8 @@ def command(
         found.save(output)
         shutil.rmtree(partial)
     content = {"name": wanted.name, "fields": found.fields, "measured": found.measured, "rows": _rows(found)}
-    show(as_json, content, lambda: tabular(found), output=output, figure=figure)
+    content["notes"] = found.notes
+    show(as_json, content, lambda: "\n".join((tabular(found), *found.notes)), output=output, figure=figure)
 
 
 def _rows(found: Sweep) -> list[list[Any]]:

@@ -259,7 +259,7 @@ class Measurement:
         Figure that the first page shows: the first "curves", the first "map", or none.
     of_photograph
         Quantities that are those of a photograph and not of the camera, such as the pose of the chart, or that need
-        motion and lamps: simulated charts do not have them.
+        motion, lamps or developed pictures: simulated charts do not have them.
     """
 
     title: str

@@ -87,6 +87,17 @@ class ValueName:
     def __str__(self) -> str:
         return ".".join(filter(None, (self.measurement, self.quantity, self.part)))
 
+    @property
+    def unit(self) -> str:
+        """The unit of the value; "" for ratios."""
+        return measurement(self.measurement).quantities[self.quantity].unit
+
+    @property
+    def label(self) -> str:
+        """The value in words, without its unit."""
+        label = measurement(self.measurement).quantities[self.quantity].label
+        return f"{self.measurement}: {', '.join(filter(None, (label, self.part)))}"
+
     def among(self, values: Mapping[tuple[str, str], Estimate]) -> dict[str, Estimate]:
         """Return the values of a result that have the name, by part."""
         return {
@@ -94,6 +105,36 @@ class ValueName:
             for (quantity, part), estimate in values.items()
             if quantity == self.quantity and self.part in (None, part)
         }
+
+
+def axis_label(name: str) -> str:
+    """Return the label of an axis or a row: words and unit of a value of the registry, else the name itself.
+
+    Examples
+    --------
+    >>> axis_label("edge-sfr.mtf50.G"), axis_label("snr_db")
+    ('edge-sfr: MTF50, G (cycles/pixel)', 'snr_db')
+    """
+    if name.partition(".")[0] not in measurements():
+        return name
+    value = ValueName.parse(name)
+    return f"{value.label} ({value.unit})" if value.unit else value.label
+
+
+def simulated_values() -> dict[ValueName, Measurement]:
+    """Return the values that simulated charts have, with their measurements.
+
+    Examples
+    --------
+    >>> next(iter(simulated_values()))
+    ValueName(measurement='oecf', quantity='signal_per_luminance', part=None)
+    """
+    return {
+        ValueName(id, quantity): entry
+        for id, entry in measurements().items()
+        for quantity in entry.quantities
+        if quantity not in entry.of_photograph
+    }
 
 
 def _with_quantity(name: str) -> list[str]:

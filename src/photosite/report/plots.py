@@ -210,13 +210,19 @@ def _(spectrum: Spectrum, ax: Axes | None = None) -> Axes:
 
 
 @styled()
-def plot_lines(lines: Mapping[str, Sequence[tuple[float, float]]], x: str, y: str, ax: Axes | None = None) -> Axes:
-    """Draw lines of points by label; the axis of x is logarithmic over more than a decade, or made of texts."""
+def plot_lines(lines: Mapping[str, Sequence[tuple[float, ...]]], x: str, y: str, ax: Axes | None = None) -> Axes:
+    """Draw lines of points (x, y) or, with bars, (x, y, lower end, upper end) by label.
+
+    The axis of x is logarithmic over more than a decade, or made of texts.
+    """
     axes = new_or_given(ax)
     for position, (label, points) in enumerate(lines.items()):
         color, marker, style = line_style(position)
-        axes.plot(*zip(*points, strict=True), color=color, marker=marker, linestyle=style, label=label or None)
-    places = [place for points in lines.values() for place, _ in points]
+        across, up, *ends = zip(*points, strict=True)
+        axes.plot(across, up, color=color, marker=marker, linestyle=style, label=label or None)
+        if ends:
+            axes.vlines(across, *ends, color=color, linewidth=1)
+    places = [point[0] for points in lines.values() for point in points]
     if all(isinstance(place, int | float) for place in places) and 0 < 10 * min(places) < max(places):
         axes.set_xscale("log")
     axes.set(xlabel=x, ylabel=y)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,8 @@ from photosite.studies.sensor_comparison import (
     sensor_facts,
     transitions_to_dict,
 )
-from photosite.studies.simulated_charts import compared_quality
+from photosite.studies.simulated_charts import brief_columns, compared_quality, quality_cells, quality_to_dict
+from photosite.values.estimate import Estimate
 from photosite.values.exposure import check_exposure, format_exposure
 from photosite.values.shown import Cell, ResultTable, Shown, Tabular
 
@@ -192,11 +193,12 @@ class CameraComparison(Tabular):
     mean_luminance_cd_m2: float
     distance_m: float
     seed: int
-    quality: Mapping[str, Mapping[str, Cell]] = field(default_factory=dict)
+    quality: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
 
     def facts(self) -> dict[str, dict[str, Cell]]:
         """Return the numbers of each camera, and its image quality."""
-        return {label: each.to_dict() | dict(self.quality.get(label, {})) for label, each in self.cameras.items()}
+        cells = {label: quality_cells(each) for label, each in self.quality.items()}
+        return {label: each.to_dict() | cells.get(label, {}) for label, each in self.cameras.items()}
 
     @property
     def conditions(self) -> str:
@@ -224,6 +226,7 @@ class CameraComparison(Tabular):
         return {
             **{name: getattr(self, name) for name in names},
             "cameras": self.facts(),
+            "quality": quality_to_dict(self.quality),
             "transitions": transitions_to_dict({label: facts.light for label, facts in self.cameras.items()}),
             "luminance_cd_m2": grid.tolist(),
             "snr_db": {
@@ -253,7 +256,7 @@ class CameraComparison(Tabular):
         brief = ["dynamic_range_db", "snr10_cd_m2", "mtf50_per_height", "mean_delta_e_2000"]
         if any(facts.light.transitions for facts in self.cameras.values()):
             brief.insert(2, SWITCHES)
-        return self._table().only(("camera", *brief, *next(iter(self.quality.values()), {})))
+        return self._table().only(("camera", *brief, *brief_columns(self.quality)))
 
 
 def compare_cameras(
@@ -265,6 +268,7 @@ def compare_cameras(
     distance_m: float = DEFAULT_DISTANCE_M,
     seed: int = 0,
     values: Sequence[str] = (),
+    on_progress: Callable[[str], None] | None = None,
 ) -> CameraComparison:
     """Compare cameras in the same light: noise, sharpness on the axis, and the patches of a ColorChecker.
 
@@ -281,6 +285,8 @@ def compare_cameras(
     values
         Names of image quality, such as "edge-sfr.mtf50.G", as for `photosite.studies.simulated_charts.image_quality`:
         of charts in the same light, exposed to just below saturation.
+    on_progress
+        Called with what is measured of image quality.
 
     Raises
     ------
@@ -321,7 +327,7 @@ def compare_cameras(
         float(mean_luminance_cd_m2),
         float(distance_m),
         seed,
-        compared_quality(cameras, values, illuminant=illuminant, luminance_cd_m2=mean_luminance_cd_m2),
+        compared_quality(cameras, values, on_progress, illuminant=illuminant, luminance_cd_m2=mean_luminance_cd_m2),
     )
 
 

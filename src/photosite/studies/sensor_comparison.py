@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from photosite.camera.camera import Camera
 from photosite.errors import InputError
+from photosite.metrics.registry import axis_label
 from photosite.optics.diffraction import DiffractionLimited
 from photosite.report.page import Page, Paragraph, Section, Table, columns, figure_block, numeric
 from photosite.report.pages import page
@@ -27,7 +28,8 @@ from photosite.studies.gray_surface import (
     total_variance_e2,
     transitions,
 )
-from photosite.studies.simulated_charts import compared_quality
+from photosite.studies.simulated_charts import brief_columns, compared_quality, quality_cells, quality_to_dict
+from photosite.values.estimate import Estimate
 from photosite.values.exposure import check_exposure, format_exposure
 from photosite.values.shown import Cell, Reported, ResultTable, Tabular, cell_text
 
@@ -166,11 +168,12 @@ class SensorComparison(Reported, Tabular):
     f_number: float
     exposure_s: float
     illuminant: str
-    quality: Mapping[str, Mapping[str, Cell]] = field(default_factory=dict)
+    quality: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
 
     def facts(self) -> dict[str, dict[str, Cell]]:
         """Return the numbers of each sensor, and its image quality."""
-        return {label: each.to_dict() | dict(self.quality.get(label, {})) for label, each in self.sensors.items()}
+        cells = {label: quality_cells(each) for label, each in self.quality.items()}
+        return {label: each.to_dict() | cells.get(label, {}) for label, each in self.sensors.items()}
 
     @property
     def quality_names(self) -> tuple[str, ...]:
@@ -194,6 +197,7 @@ class SensorComparison(Reported, Tabular):
             "exposure_s": self.exposure_s,
             "illuminant": self.illuminant,
             "sensors": self.facts(),
+            "quality": quality_to_dict(self.quality),
             "transitions": transitions_to_dict(self.sensors),
             "luminance_cd_m2": self.luminance_cd_m2.tolist(),
             "snr_db": curves,
@@ -208,15 +212,16 @@ class SensorComparison(Reported, Tabular):
         return axes
 
     def _table(self) -> ResultTable:
-        names = (*_TITLES, *self.quality_names)
-        rows = [(label, *(facts[name] for name in names)) for label, facts in self.facts().items()]
+        facts = self.facts()
+        names = (*_TITLES, *quality_cells(next(iter(self.quality.values()), {})))
+        rows = [(label, *(each[name] for name in names)) for label, each in facts.items()]
         return ResultTable(f"Sensors at {self.conditions}", ("sensor", *names), rows)
 
     def _brief_table(self) -> ResultTable:
         brief = ["pixel_width_um", "saturation_capacity_e", "read_noise_e", "dynamic_range_db", "snr10_lux"]
         if any(facts.transitions for facts in self.sensors.values()):
             brief.append(SWITCHES)
-        return self._table().only(("sensor", *brief, *self.quality_names))
+        return self._table().only(("sensor", *brief, *brief_columns(self.quality)))
 
 
 def transitions_to_dict(sensors: Mapping[str, SensorFacts]) -> dict[str, list[dict[str, Any]]]:
@@ -237,6 +242,7 @@ def compare_sensors(
     exposure_s: float = 1 / 15,
     illuminant: str | float = "3200K",
     values: Sequence[str] = (),
+    on_progress: Callable[[str], None] | None = None,
 ) -> SensorComparison:
     """Compare sensors behind the same lens, each by the channel with the largest signal.
 
@@ -249,6 +255,8 @@ def compare_sensors(
     values
         Names of image quality, such as "edge-sfr.mtf50.G", as for `photosite.studies.simulated_charts.image_quality`:
         of charts in the same light, exposed to just below saturation.
+    on_progress
+        Called with what is measured of image quality.
 
     Raises
     ------
@@ -279,7 +287,10 @@ def compare_sensors(
         for label, sensor in sensors.items()
     }
     quality = compared_quality(
-        {label: Camera(lens, sensor) for label, sensor in sensors.items()}, values, illuminant=illuminant
+        {label: Camera(lens, sensor) for label, sensor in sensors.items()},
+        values,
+        on_progress,
+        illuminant=illuminant,
     )
     return SensorComparison(facts, luminance_grid(facts), float(f_number), time_s, f"{illuminant}", quality)
 
@@ -359,7 +370,10 @@ def comparison_page(found: SensorComparison) -> Page:
         for name, title in _TITLES.items()
         if several or name != SWITCHES
     )
-    rows += tuple((name, *(_text(each[name]) for each in found.quality.values())) for name in found.quality_names)
+    rows += tuple(
+        (axis_label(name), *(_interval_text(each[name]) for each in found.quality.values()))
+        for name in found.quality_names
+    )
     table = Table(f"At {found.conditions}, without losses in the lens", columns("", *map(numeric, found.sensors)), rows)
     figure = figure_block(
         comparison_figure(found),
@@ -373,7 +387,10 @@ def comparison_page(found: SensorComparison) -> Page:
     )
     names = ", ".join(found.sensors)
     lead = f"The same even surface seen through the same lens: {found.conditions}."
-    return Page(f"Comparison of {names}", lead, sections, "Computed from the sensor files; no frames were simulated.")
+    note = "Computed from the sensor files; no frames were simulated."
+    if found.quality:
+        note = "Computed from the sensor files, and from simulated charts: values of image quality with 95 % intervals."
+    return Page(f"Comparison of {names}", lead, sections, note)
 
 
 _WORDS = (
@@ -398,6 +415,14 @@ def _text(value: Cell) -> str:
     if value is None:
         return "not reached"
     return cell_text(value)
+
+
+def _interval_text(estimate: Estimate) -> str:
+    """Return a value with its 95 % interval, or why it is missing."""
+    if estimate.value is None:
+        return f"missing: {estimate.reason}"
+    ends = estimate.interval_95
+    return cell_text(estimate.shown_value) + ("" if ends is None else f" ({' to '.join(map(cell_text, ends))})")
 
 
 @styled()

@@ -21,10 +21,13 @@ from photosite.metrics.charts.placed_chart import PlacedChart, filling_chart
 from photosite.metrics.measure import ImageQuality, chart_signal, measure
 from photosite.metrics.measurement import Result, View
 from photosite.metrics.registry import ValueName, charts_measured, measurement, measurements
-from photosite.scene.scene import Scene
+from photosite.optics.lens import Optics
+from photosite.optics.point_spread import FieldPsf
+from photosite.scene.scene import DEFAULT_DISTANCE_M, Scene
 from photosite.scene.scene_request import OF_ANY_SIZE, SceneRequest, chart_options
+from photosite.studies.estimate_columns import NO_PART, estimate_columns, interval_columns, with_all_names
 from photosite.values.estimate import Estimate
-from photosite.values.shown import Shown
+from photosite.values.shown import Cell, Shown
 
 VIEWED_PX: Mapping[View, tuple[int, int]] = {"middle": (900, 1200), "fine": (400, 400)}
 """Largest frames of views that do not need the whole field."""
@@ -154,8 +157,9 @@ def image_quality(
     luminance_cd_m2: float = 200.0,
     illuminant: str | float = "D65",
     exposure_s: float | None = None,
-) -> dict[str, float]:
-    """Return values of image quality of simulated charts, for `sweep`.
+    on_progress: Callable[[str], None] | None = None,
+) -> dict[str, Estimate]:
+    """Return values of image quality of simulated charts, for `sweep` and comparisons.
 
     Parameters
     ----------
@@ -166,11 +170,13 @@ def image_quality(
         Names such as "edge-sfr.mtf50.G", or "edge-sfr.mtf50" for every part.
     frames, luminance_cd_m2, illuminant, exposure_s
         As for `ChartConditions`.
+    on_progress
+        Called with the name of each chart and measurement.
 
     Returns
     -------
     dict
-        Each value by its name, NaN where it is missing, and its standard uncertainty as "u(name)".
+        Each value by its name, with the reason where it is missing.
 
     Raises
     ------
@@ -184,30 +190,34 @@ def image_quality(
         light = Spectrum(scene.wavelength_nm, energy_from_photons(scene.light(), scene.wavelength_nm))
         luminance_cd_m2 = scene.mean_luminance_cd_m2()
     wanted = [ValueName.parse(name) for name in values]
-    found: dict[str, float] = {}
+    found: dict[str, Estimate] = {}
     for id in dict.fromkeys(name.measurement for name in wanted):
         chart = measurement(id).charts[0]
         conditions = ChartConditions(frames, 0, light, luminance_cd_m2, exposure_s)
-        quality = measure_camera(camera, conditions, charts=[chart], only=[id])
+        quality = measure_camera(camera, conditions, charts=[chart], only=[id], on_progress=on_progress)
         result = quality.charts[chart].results[id]
+        reason = NO_PART if isinstance(result, Result) else result.reason
         for name in (each for each in wanted if each.measurement == id):
             matching = name.among(result.values) if isinstance(result, Result) else {}
-            for part, estimate in (matching or {name.part or "": Estimate()}).items():
-                key = str(replace(name, part=part or None))
-                found[key] = math.nan if estimate.value is None else estimate.value
-                found[f"u({key})"] = math.nan if estimate.value is None else estimate.standard_uncertainty or 0.0
+            for part, estimate in (matching or {name.part or "": Estimate(reason=reason)}).items():
+                found[str(replace(name, part=part or None))] = estimate
     return found
 
 
 def compared_quality(
-    cameras: Mapping[str, Camera], values: Sequence[str], **conditions: Any
-) -> dict[str, dict[str, float | None]]:
-    """Return values of image quality of cameras by label, for comparisons: each has all names, None where missing.
+    cameras: Mapping[str, Camera],
+    values: Sequence[str],
+    on_progress: Callable[[str], None] | None = None,
+    **conditions: Any,
+) -> dict[str, dict[str, Estimate]]:
+    """Return values of image quality of cameras by label, for comparisons: each has all names.
 
     Parameters
     ----------
     cameras, values, **conditions
         Cameras by label; the arguments of `image_quality`.
+    on_progress
+        Called with the label of a camera and the name of each chart and measurement.
 
     Examples
     --------
@@ -216,12 +226,44 @@ def compared_quality(
     """
     if not values:
         return {}
-    found = {label: image_quality(camera, values=values, **conditions) for label, camera in cameras.items()}
-    names = dict.fromkeys(name for each in found.values() for name in each)
+
+    def quality(label: str, camera: Camera) -> dict[str, Estimate]:
+        def say(text: str) -> None:
+            if on_progress is not None:
+                on_progress(f"{label}: {text}")
+
+        try:
+            return image_quality(camera, values=values, on_progress=say, **conditions)
+        except InputError as error:
+            raise error.within(label) from None
+
+    for name in values:
+        ValueName.parse(name)
+    found = [quality(label, camera) for label, camera in cameras.items()]
+    return dict(zip(cameras, with_all_names(found), strict=True))
+
+
+def quality_to_dict(quality: Mapping[str, Mapping[str, Estimate]]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return values of image quality by label and name, for JSON: label, unit, value, interval or reason."""
     return {
-        label: {name: each[name] if math.isfinite(each.get(name, math.nan)) else None for name in names}
-        for label, each in found.items()
+        camera: {
+            name: {"label": (value := ValueName.parse(name)).label, "unit": value.unit} | estimate.to_dict()
+            for name, estimate in each.items()
+        }
+        for camera, each in quality.items()
     }
+
+
+def quality_cells(quality: Mapping[str, Estimate]) -> dict[str, Cell]:
+    """Return values of image quality as cells of a table by column; None where there is none."""
+    columns = (estimate_columns(name, each) for name, each in quality.items())
+    return {name: None if math.isnan(x) else x for each in columns for name, x in each.items()}
+
+
+def brief_columns(quality: Mapping[str, Mapping[str, Estimate]]) -> list[str]:
+    """Return the columns of values and their 95 % intervals."""
+    names = next(iter(quality.values()), {})
+    return [column for name in names for column in (name, *interval_columns(name)[1:])]
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,6 +311,16 @@ class SeenChart(Shown):
         return replace(found, illuminant=self.conditions.illuminant)
 
 
+def _blurs_alike(optics: Optics, distance_m: float) -> bool:
+    """Return whether a lens blurs and places all parts of the field alike, so that a part of it shows the responses."""
+    return optics.mapping(distance_m) is None and not isinstance(optics.point_spread(distance_m), FieldPsf)
+
+
+def _too_large(chart: str, pixels: int, most: int) -> InputError:
+    hint = "Give the sensor fewer rows and cols: the middle of the field"
+    return InputError("pixels of the field", where=chart, value=pixels, expected=f"at most {most}", hint=hint)
+
+
 def seen_chart(
     camera: Camera,
     chart: str,
@@ -292,17 +344,19 @@ def seen_chart(
     array = camera.sensor.array
     rows, cols = array.rows, array.cols
     cells = camera.cells_per_pixel
+    tile = len(array.cfa), len(array.cfa[0])
     if view == "field":
+        if chart in OF_ANY_SIZE and _blurs_alike(camera.optics, distance_m or DEFAULT_DISTANCE_M):
+            part = min(1.0, math.sqrt(_MOST_FIELD_CELLS / max(cells, 5) ** 2 / (rows * cols)))
+            rows, cols = (int(part * size) // step * step for size, step in zip((rows, cols), tile, strict=True))
         if rows * cols > _MOST_FIELD_PX:
-            raise InputError("pixels of the field", value=rows * cols, expected=f"at most {_MOST_FIELD_PX}")
+            raise _too_large(chart, rows * cols, _MOST_FIELD_PX)
         if chart in OF_ANY_SIZE:
             cells = max(cells, 5 if 25 * rows * cols <= _MOST_FIELD_CELLS else 3)
             if cells**2 * rows * cols > _MOST_FIELD_CELLS:
-                expected = f"at most {_MOST_FIELD_CELLS // cells**2} for {cells} x {cells} cells in each"
-                raise InputError("pixels of the field", where=chart, value=rows * cols, expected=expected)
+                raise _too_large(chart, rows * cols, _MOST_FIELD_CELLS // cells**2)
     else:
         most = shape or VIEWED_PX[view]
-        tile = len(array.cfa), len(array.cfa[0])
         sizes = zip((rows, cols), most, tile, strict=True)
         rows, cols = (min(size, limit) // step * step for size, limit, step in sizes)
         cells = max(cells, conditions.fine_cells) if view == "fine" else cells

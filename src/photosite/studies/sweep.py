@@ -25,16 +25,19 @@ from photosite.camera.camera import Camera
 from photosite.engine.workers import run_tasks
 from photosite.errors import FileError, InputError, did_you_mean, message_of
 from photosite.files.writing import FolderLock, atomic_path, sync
+from photosite.metrics.registry import axis_label
 from photosite.scene.scene import Scene
+from photosite.studies.estimate_columns import estimate_columns, interval_columns, with_all_names
 from photosite.studies.gray_surface import snr
 from photosite.training.digest import described
+from photosite.values.estimate import Estimate
 from photosite.values.shown import Cell, ResultTable, Tabular, cell_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Measure = Callable[..., Mapping[str, float] | float]
-"""(camera) or, with a scene, (camera, scene) -> a number, or several by name."""
+Measure = Callable[..., Mapping[str, float | Estimate] | float | Estimate]
+"""(camera) or, with a scene, (camera, scene) -> a number or an estimate, or several by name."""
 
 PIXEL_WIDTH = "pixel_width_um"
 _OF_SCENE = ("illuminant", "mean_luminance_cd_m2", "distance_m", "width_m")
@@ -52,6 +55,8 @@ class Sweep(Tabular):
         Names of the columns: the varied fields, and what was measured.
     rows
         The values of both, in this order. The last field varies fastest.
+    notes
+        Which estimates are missing, and why.
 
     Examples
     --------
@@ -68,6 +73,13 @@ class Sweep(Tabular):
     fields: tuple[str, ...]
     measured: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def values(self) -> tuple[str, ...]:
+        """Names of the measured columns without those of uncertainties and intervals."""
+        beside = {column for name in self.measured for column in interval_columns(name)}
+        return tuple(name for name in self.measured if name not in beside)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -99,10 +111,12 @@ class Sweep(Tabular):
     def plot(self, x: str | None = None, y: str | None = None, ax: Axes | None = None) -> Axes:
         """Draw a measured column against a field, a line for each combination of the other fields.
 
+        Estimates have bars of their 95 % intervals.
+
         Parameters
         ----------
         x, y
-            Names of a field and of a measured column; by default the first field and the last measured column.
+            Names of a field and of a measured column; by default the first field and the last measured value.
         ax
             Matplotlib axes; None makes new ones.
 
@@ -113,16 +127,18 @@ class Sweep(Tabular):
         """
         from photosite.report.plots import plot_lines
 
-        x, y = x or self.fields[0], y or self.measured[-1]
+        x, y = x or self.fields[0], y or self.values[-1]
         for axis, name, names in (("x", x, self.fields), ("y", y, self.measured)):
             if name not in names:
                 raise InputError(axis, value=name, expected=f"one of {', '.join(names)}")
-        lines: dict[str, list[tuple[float, float]]] = {}
-        for row, point in zip(self.rows, zip(self[x].tolist(), self[y].tolist(), strict=True), strict=True):
+        lines: dict[str, list[tuple[float, ...]]] = {}
+        ends = [name for name in interval_columns(y)[1:] if name in self.measured]
+        columns = [self[name].tolist() for name in (x, y, *ends)]
+        for row, point in zip(self.rows, zip(*columns, strict=True), strict=True):
             settings = zip(self.fields, row, strict=False)
             label = ", ".join(f"{name} {cell_text(value)}" for name, value in settings if name != x)
             lines.setdefault(label, []).append(point)
-        return plot_lines(lines, x, y, ax)
+        return plot_lines(lines, x, axis_label(y), ax)
 
     def _table(self) -> ResultTable:
         title = f"Sweep over {', '.join(self.fields)}: {len(self.rows)} cameras"
@@ -154,6 +170,7 @@ def sweep(
         changed in the given order.
     measure
         Function of the camera, or of camera and scene if a scene is given. It returns a number, or several by name.
+        An `Estimate` has columns for its standard uncertainty and its 95 % interval.
     scene
         The scene, whose fields can then be varied.
     processes
@@ -201,15 +218,37 @@ def sweep(
         _check_pickles(task)
     with nullcontext() if checkpoint is None else _Checkpoint(checkpoint, task, points) as saved:
         results = _computed(task, points, saved, {"processes": processes, "scheduler": scheduler}, progress)
-    names = tuple(results[0])
-    if odd := next((found for found in results if tuple(found) != names), None):
+    found, notes = _columns(results, list(map(task.name, points)))
+    names = tuple(found[0])
+    if odd := next((each for each in found if tuple(each) != names), None):
         raise InputError("measure", value=tuple(odd), expected=f"a function that always returns {', '.join(names)}")
     if both := set(names) & set(choices):
         raise InputError("measure", value=both.pop(), expected="a function whose names are not those of the fields")
     rows = tuple(
-        (*map(_cell, point), *(found[name] for name in names)) for point, found in zip(points, results, strict=True)
+        (*map(_cell, point), *(each[name] for name in names)) for point, each in zip(points, found, strict=True)
     )
-    return Sweep(tuple(choices), names, rows)
+    return Sweep(tuple(choices), names, rows, notes)
+
+
+def _columns(
+    results: Sequence[Mapping[str, float | Estimate]], cameras: Sequence[str]
+) -> tuple[list[dict[str, float]], tuple[str, ...]]:
+    """Return results as numbers by column, and which estimates are missing of which of the named cameras."""
+    estimates = with_all_names(
+        [{name: each for name, each in found.items() if isinstance(each, Estimate)} for found in results]
+    )
+    columns = [
+        {name: each for name, each in found.items() if not isinstance(each, Estimate)}
+        | {column: number for name, each in own.items() for column, number in estimate_columns(name, each).items()}
+        for found, own in zip(results, estimates, strict=True)
+    ]
+    notes = []
+    for name in estimates[0]:
+        reasons = {camera: own[name].reason for camera, own in zip(cameras, estimates, strict=True) if own[name].reason}
+        if reasons:
+            camera, reason = next(iter(reasons.items()))
+            notes.append(f"{name}: missing for {len(reasons)} of {len(cameras)} cameras, first {camera}: {reason}")
+    return columns, tuple(notes)
 
 
 def check_point(camera: Camera, point: Mapping[str, Any], scene: Scene | None = None) -> None:
@@ -244,14 +283,19 @@ class _Task:
         """Return a point's values as text."""
         return ", ".join(f"{name} = {value}" for name, value in zip(self.names, point, strict=True))
 
-    def __call__(self, point: Sequence[Any]) -> dict[str, float]:
+    def __call__(self, point: Sequence[Any]) -> dict[str, float | Estimate]:
         camera, scene = self.changed(point)
-        found = self.measure(camera) if scene is None else self.measure(camera, scene)
+        try:
+            found = self.measure(camera) if scene is None else self.measure(camera, scene)
+        except InputError as error:
+            raise error.within(self.name(point)) from None
         named = found if isinstance(found, Mapping) else {getattr(self.measure, "__name__", "value"): found}
         return {str(name): _number(name, value) for name, value in named.items()}
 
 
-def _number(name: object, value: Any) -> float:
+def _number(name: object, value: Any) -> float | Estimate:
+    if isinstance(value, Estimate):
+        return Estimate(value.shown_value, value.standard_uncertainty, value.reason, interval_95=value.interval_95)
     plain = value.item() if isinstance(value, np.generic | np.ndarray) and np.ndim(value) == 0 else value
     if isinstance(plain, bool) or not isinstance(plain, int | float):
         raise InputError("measure", where=str(name), value=value, expected="a function that returns numbers")
@@ -325,7 +369,7 @@ def _check_pickles(task: _Task) -> None:
 
 def _computed(
     task: _Task, points: list[tuple[Any, ...]], saved: _Checkpoint | None, where: dict[str, Any], progress: bool
-) -> list[dict[str, float]]:
+) -> list[dict[str, float | Estimate]]:
     from tqdm import tqdm
 
     found = {} if saved is None else dict(saved.found)
@@ -340,6 +384,19 @@ def _computed(
 
 
 _RESULTS = "results.jsonl"
+_KEPT = "value", "standard_uncertainty", "reason", "interval_95"
+"""Fields of estimates that are kept."""
+
+
+def _to_json(estimate: Estimate) -> dict[str, Any]:
+    return {name: getattr(estimate, name) for name in _KEPT}
+
+
+def _from_json(content: Any) -> float | Estimate:
+    if not isinstance(content, dict):
+        return content  # type: ignore[no-any-return]  # a number
+    ends = content["interval_95"]
+    return Estimate(**content | {"interval_95": None if ends is None else (ends[0], ends[1])})
 
 
 class _Checkpoint:
@@ -352,7 +409,7 @@ class _Checkpoint:
         self._folder = Path(folder)
         self._is_new = not self._folder.exists()
         self._path = self._folder / _RESULTS
-        self.found: dict[int, dict[str, float]] = {}
+        self.found: dict[int, dict[str, float | Estimate]] = {}
         identity = {"photosite": version("photosite"), "sweep": described(task), "points": described(points)}
         head = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
         try:
@@ -379,8 +436,8 @@ class _Checkpoint:
         for line in whole[1:]:
             try:
                 index, result = json.loads(line)
-                self.found[int(index)] = dict(result)
-            except (ValueError, TypeError):
+                self.found[int(index)] = {name: _from_json(each) for name, each in result.items()}
+            except (ValueError, TypeError, AttributeError):
                 break
             valid.append(line)
         file = self._path.open("r+" if text else "w", encoding="utf-8")
@@ -393,10 +450,10 @@ class _Checkpoint:
             sync(self._folder)
         return file
 
-    def add(self, index: int, result: dict[str, float]) -> None:
+    def add(self, index: int, result: dict[str, float | Estimate]) -> None:
         """Keep the result of a camera."""
         self._is_new = False
-        self._file.write(json.dumps([index, result]) + "\n")
+        self._file.write(json.dumps([index, result], default=_to_json) + "\n")
         self._file.flush()
 
     def __enter__(self) -> _Checkpoint:

@@ -8,6 +8,7 @@ import { lightField, lights } from "./lights.js";
 import { LinkedPictures } from "./linked.js";
 import { plot } from "./plots.js";
 import { withoutUpload } from "./sensors.js";
+import { intervalText, valuePick } from "./values.js";
 
 const KINDS = [["sensors", "Sensors"], ["lenses", "Lenses"], ["measured", "Measured frames and their simulation"]];
 const FIGURES = [
@@ -30,10 +31,11 @@ const lensOf = (f_number, focal_length_mm = 50) => ({ source: null, f_number, fo
 let content = {
   kind: "sensors", sensors: [{ source: "nikon-d200" }, { source: "google-pixel-4a" }], lens: lensOf(2.8),
   lenses: [lensOf(2.8), lensOf(16)], sensor: { source: "nikon-d200" },
-  exposure_s: 1 / 30, illuminant: "3200K", mean_luminance_cd_m2: 40, scene: "macbeth", same: true, layer: "developed",
+  exposure_s: 1 / 30, illuminant: "3200K", mean_luminance_cd_m2: 40, scene: "macbeth", same: true, layer: "developed", values: [],
   measured: [], of: { sensor: { source: "nikon-d200" }, lens: lensOf(8), illuminant: "A", luminance_cd_m2: null, exposure_s: null, distance_m: 1.2, black_level_dn: null, corners: [], fit: "light", tolerance_percent: 1 },
 };
-let built = false, known = null, later = null, pictures = null;
+let built = false, known = null, later = null, pictures = null, pick = null;
+let repick = () => {};
 
 const sensorKey = (sensor) => JSON.stringify([sensor.source, sensor.gain_setting ?? null, sensor.changes ?? {}, sensor.binning ?? null]);
 const titleOf = (sensor) => sensor.source.replace(/^(file:|upload:|result:.*\/)/, "") + (Object.keys(sensor.changes ?? {}).length || sensor.binning ? ", changed" : "");
@@ -49,6 +51,7 @@ export async function show(restored) {
   for (const sensor of [camera.sensor, ...content.sensors, content.sensor, content.of.sensor]) {
     if (!known.sensors.some((each) => sensorKey(each) === sensorKey(sensor))) known.sensors.push(sensor);
   }
+  pick = await valuePick("Image quality of simulated charts", content.values, (values) => { content.values = values; repick(); });
   build();
 }
 
@@ -82,7 +85,7 @@ const cameras = () => content.kind === "sensors"
   : content.lenses.map((lens) => ({ sensor: content.sensor, lens }));
 
 const comparison = () => ({
-  cameras: cameras(), exposure_s: content.exposure_s, illuminant: content.illuminant, mean_luminance_cd_m2: content.mean_luminance_cd_m2,
+  cameras: cameras(), exposure_s: content.exposure_s, illuminant: content.illuminant, mean_luminance_cd_m2: content.mean_luminance_cd_m2, values: content.values,
 });
 
 function buildCameras() {
@@ -104,6 +107,7 @@ function buildCameras() {
     })));
   };
   const changed = () => { figures = null; clearTimeout(later); later = setTimeout(start, COMPUTE_MS); };
+  repick = changed;
   const scene = choice("Scene of the pictures", known.scenes.map((source) => [source, source.replace("file:", "")]), content.scene, (value) => { content.scene = value; shoot(); });
   const same = element("input", { type: "checkbox", onchange: () => { content.same = same.checked; shoot(); } });
   same.checked = content.same;
@@ -113,7 +117,7 @@ function buildCameras() {
     field("Mean luminance", "cd/m²", { type: "number", min: 1e-6, required: true }, content.mean_luminance_cd_m2, (value) => { content.mean_luminance_cd_m2 = value; changed(); }),
     scene, element("label", { class: "check" }, "Pictures of the same brightness", same));
   start();
-  return [element("div", { class: "card" }, ...(content.kind === "sensors" ? sensorChoices(changed) : lensChoices(changed)), light), bar, pictures.root, results];
+  return [element("div", { class: "card" }, ...(content.kind === "sensors" ? sensorChoices(changed) : lensChoices(changed)), light, pick), bar, pictures.root, results];
 }
 
 function choice(label, options, value, changed) {
@@ -193,8 +197,21 @@ function draw(root, found) {
   root.replaceChildren(plots, element("div", { class: "beside" },
     card("Figures", table(`${short(found.exposure_s)} s, ${found.illuminant}`, ["Figure", ...names], FIGURES.map(([figure, label]) => [label, ...names.map((name) => value(name, figure))])),
       element("p", { class: "hint" }, "SNR of one pixel with the whole noise of a frame. SNR10: luminance of the surface, and illuminance on an 18 % gray chart, at which the signal is 10 times the noise. Dynamic range as in EMVA 1288 release 4.0. MTF on the axis, along the rows, at 550 nm.")),
+    ...quality(found, names),
     card("Color error on the chart", ...colors(found, names))), element("div", { class: "beside" }, ...patches(found, names)),
     notes.length ? element("ul", { class: "notes", "aria-label": "Notes" }, ...notes.map((note) => element("li", {}, note))) : "");
+}
+
+// Values of image quality with 95 % intervals, and why some are missing.
+function quality(found, names) {
+  const rows = Object.entries(found.quality[names[0]] ?? {});
+  if (!rows.length) return [];
+  const cell = ({ value, interval_95: ends }) => (value === null ? "missing" : intervalText(value, ends ?? []));
+  const reasons = names.flatMap((name) => Object.entries(found.quality[name]).filter(([, each]) => each.reason).map(([value, each]) => [name, value, each.reason]));
+  const grouped = [...Map.groupBy(reasons, ([name, , reason]) => `${name}: ${reason}`)];
+  return [card("Image quality of simulated charts", table("Values with 95 % intervals", ["Value", ...names], rows.map(([value, { label, unit }]) => [unit ? `${label} (${unit})` : label, ...names.map((name) => cell(found.quality[name][value]))])),
+    ...(grouped.length ? [element("ul", { class: "notes", "aria-label": "Missing values" }, ...grouped.map(([reason, each]) => element("li", {}, `${each.map(([, value]) => value).join(", ")}, ${reason}`)))] : []),
+    element("p", { class: "hint" }, "Four frames of each chart in the light above, exposed to just below saturation. Quality has all values and figures."))];
 }
 
 function colors(found, names) {

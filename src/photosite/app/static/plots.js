@@ -39,7 +39,7 @@ function digits(low, high, logarithmic) {
 }
 
 // plot(parent, {lines: [{name, x, y}], x: {label, logarithmic}, y: {label, logarithmic, low}, marks, title}) replaces what
-// is in the parent. A mark {x, y, label} is a labelled point; without y or x, a labelled line across the plot.
+// is in the parent. A line can have `ends`, the 95 % interval of each point. A mark {x, y, label} is a labelled point; without y or x, a labelled line across the plot.
 export function plot(parent, content) {
   const draw = () => {
     const width = fitting(parent);
@@ -55,8 +55,9 @@ function drawn({ lines, x, y, title, marks = [], steps = false }, W, H) {
   const visible = ([a, b]) => Number.isFinite(a) && Number.isFinite(b) && (!x.logarithmic || a > 0) && (!y.logarithmic || b > 0) && !(b < y.low);
   const points = [...lines.flatMap((line) => line.x.map((value, k) => [value, line.y[k]])).filter(visible)];
   if (!points.length) return [element("p", { class: "hint" }, "No values to plot.")];
+  const bars = lines.flatMap((line) => (line.ends ?? []).flat()).filter(Number.isFinite);
   const extent = (k, each) => {
-    const own = [...points.map((point) => point[k]), ...marks.map((mark) => mark[each]).filter(Number.isFinite)];
+    const own = [...points.map((point) => point[k]), ...(k ? bars : []), ...marks.map((mark) => mark[each]).filter(Number.isFinite)];
     return [Math.min(...own), Math.max(...own)];
   };
   let [[x0, x1], [y0, y1]] = [extent(0, "x"), extent(1, "y")];
@@ -112,6 +113,10 @@ function drawn({ lines, x, y, title, marks = [], steps = false }, W, H) {
       return;
     }
     made.append(svg("path", { class: `line ${line.style || `s${number % 8}`}`, d: path }));
+    line.ends?.forEach(([low, high], k) => {
+      if (!Number.isFinite(low) || !Number.isFinite(line.y[k])) return;
+      made.append(svg("line", { class: `bar ${line.style || `s${number % 8}`}`, x1: px(line.x[k]), x2: px(line.x[k]), y1: py(Math.min(high, y1)), y2: py(Math.max(low, y0)) }));
+    });
   });
   for (const mark of marks) {
     const [across, down] = [mark.x, mark.y].map(Number.isFinite), right = across && px(mark.x) > (LEFT + W) / 2;
@@ -165,5 +170,6 @@ function valueAt(line, at) {
   const [a, b] = [line.x[Math.max(k - 1, 0)], line.x[k]], share = b > a ? (at - a) / (b - a) : 1;
   const [low, high] = [line.y[Math.max(k - 1, 0)], line.y[k]];
   const found = Number.isFinite(low) && Number.isFinite(high) ? low + share * (high - low) : high;
-  return Number.isFinite(found) ? `${line.name} ${short(found)}` : "";
+  const own = b === at ? line.ends?.[k] : null;
+  return Number.isFinite(found) ? `${line.name} ${short(found)}${own && Number.isFinite(own[0]) ? ` (95 %: ${short(own[0])} to ${short(own[1])})` : ""}` : "";
 }

@@ -7,6 +7,7 @@ import { lightField, lights } from "./lights.js";
 import { viridis } from "./picture.js";
 import { plot } from "./plots.js";
 import { offers, sensorPick, withoutUpload } from "./sensors.js";
+import { intervalText, valuePick } from "./values.js";
 
 const UNITS = {
   signal_e: "e⁻", noise_e: "e⁻", snr_db: "dB", electrons_per_cd_m2: "e⁻ per cd/m²", saturation_capacity_e: "e⁻", dynamic_range_db: "dB",
@@ -18,27 +19,37 @@ const LABELS = {
 };
 
 let request = {
-  sensor: { source: "google-pixel-4a" }, lens: { f_number: 2.8, focal_length_mm: 4 }, measure: "snr", luminance_cd_m2: 5, exposure_s: 1 / 15, illuminant: "D65",
+  sensor: { source: "google-pixel-4a" }, lens: { f_number: 2.8, focal_length_mm: 4 }, measure: "snr", luminance_cd_m2: 5, exposure_s: 1 / 15, illuminant: "D65", values: [], frames: 4,
   ranges: [{ field: "pixel_width_um", first: 0.8, last: 4, count: 17, logarithmic: false }, { field: "f_number", first: 1.4, last: 5.6, count: 5, logarithmic: true }],
 };
+// Ranges and exposure that a measure begins with: charts take seconds for each camera.
+const SURFACE = { exposure_s: request.exposure_s, ranges: request.ranges };
+const STARTS = {
+  snr: SURFACE, sensor_figures: SURFACE,
+  image_quality: { exposure_s: null, luminance_cd_m2: 200, ranges: [{ field: "f_number", first: 1.4, last: 5.6, count: 5, logarithmic: true }] },
+};
+
 let built = false, fields = new Map(), result = null;
 
 window.addEventListener(DELETED, ({ detail }) => {
   if (built && (offers(document.getElementById("view-sweep"), detail) || JSON.stringify(request).includes(detail))) show(withoutUpload(request, detail));
 });
 
-export async function show(content) {
+// `run` is whether the sweep begins at once.
+export async function show(content, run = true) {
   const root = document.getElementById("view-sweep");
   if (built && !content) return;
   built = true;
   if (content) request = { ...request, ...content };
   const [pick, known] = await Promise.all([sensorPick("Sensor", request.sensor, (sensor) => { request.sensor = sensor; ranges(); }), lights()]);
   const { bar, start } = jobBar("sweep", "sweep", () => request, (found) => { result = found; draw(); });
-  const box = element("div"), measure = element("select", { onchange: () => { request.measure = measure.value; luminance.hidden = measure.value !== "snr"; } },
-    element("option", { value: "snr" }, "signal, noise and SNR of a surface"), element("option", { value: "sensor_figures" }, "dynamic range, SNR10 and saturation"));
+  const box = element("div"), measure = element("select", { onchange: () => show({ measure: measure.value, ...STARTS[measure.value] }, false) },
+    element("option", { value: "snr" }, "signal, noise and SNR of a surface"), element("option", { value: "sensor_figures" }, "dynamic range, SNR10 and saturation"),
+    element("option", { value: "image_quality" }, "image quality of simulated charts"));
   measure.value = request.measure;
-  const luminance = field("Luminance", "cd/m²", { type: "number", min: 1e-9, max: 1e9 }, request.luminance_cd_m2, (value) => { request.luminance_cd_m2 = value; });
-  luminance.hidden = request.measure !== "snr";
+  const ofCharts = request.measure === "image_quality";
+  const values = ofCharts ? await valuePick("Values", request.values, (chosen) => { request.values = chosen; }) : null;
+  const number = (label, unit, name, attributes) => field(label, unit, { type: "number", ...attributes }, request[name] ?? "", (value) => { request[name] = value; });
   async function ranges() {
     let form;
     try {
@@ -46,6 +57,7 @@ export async function show(content) {
       showError("");
     } catch (error) { showError(error.message); return; } // of a sensor file that cannot be read
     fields = new Map([["pixel_width_um", { label: "Pixel width, noise in electrons kept", unit: "µm" }]]);
+    if (ofCharts) fields.set("mean_luminance_cd_m2", { label: "Mean luminance of the charts", unit: "cd/m²" });
     const ofLens = form.lens[0].fields.filter((each) => !each.optional), ofSensor = form.sensor.filter((each) => each.name !== "gain_settings").flatMap((each) => each.fields);
     for (const each of [...ofLens, ...ofSensor]) if (each.kind === "number" || each.kind === "whole") fields.set(each.name, each);
     const row = (entry, number) => {
@@ -64,24 +76,33 @@ export async function show(content) {
   await ranges();
   root.replaceChildren(
     element("h2", { id: "sweep-title" }, "Sweep a camera"),
-    element("p", { class: "hint" }, "One pixel that sees an even surface, for all combinations of the values. Nothing is drawn at random."),
+    element("p", { class: "hint" }, ofCharts
+      ? "Charts are simulated with each camera and measured, with 95 % intervals, as photosite measure does: some seconds for each camera."
+      : "One pixel that sees an even surface, for all combinations of the values. Nothing is drawn at random."),
     element("div", { class: "card" }, element("div", { class: "fields" }, pick,
       field("f-number", "", { type: "number", min: 0.5 }, request.lens.f_number, (value) => { request.lens = { ...request.lens, f_number: value }; }),
       field("Focal length", "mm", { type: "number", min: 0.2 }, request.lens.focal_length_mm, (value) => { request.lens = { ...request.lens, focal_length_mm: value }; }),
-      element("label", {}, "Measure", measure), luminance,
-      field("Exposure time", "s", { type: "number", min: 1e-6, max: 1e5 }, Number(request.exposure_s.toPrecision(6)), (value) => { request.exposure_s = value; }),
-      ...lightField("Illuminant", known, request.illuminant, (value) => { request.illuminant = value; })), box),
+      element("label", {}, "Measure", measure),
+      ...(request.measure === "sensor_figures" ? [] : [number(ofCharts ? "Mean luminance" : "Luminance", "cd/m²", "luminance_cd_m2", { min: 1e-9, max: 1e9 })]),
+      field("Exposure time", "s", { type: "number", min: 1e-6, max: 1e5, required: !ofCharts, placeholder: ofCharts ? "just below saturation" : null, class: ofCharts ? "wide" : null,
+        oninput: (event) => { if (ofCharts && event.target.value === "") request.exposure_s = null; } },
+      request.exposure_s === null ? "" : Number(request.exposure_s.toPrecision(6)), (value) => { request.exposure_s = value; }),
+      ...(ofCharts ? [number("Number of frames", "0: no noise", "frames", { min: 0, max: 64, step: 1 })] : []),
+      ...lightField("Illuminant", known, request.illuminant, (value) => { request.illuminant = value; })), values ?? "", box),
     bar, element("div", { id: "sweep-results", "aria-live": "polite" }));
-  start();
+  if (run) start();
+  else measure.focus();
 }
 
 const named = (name) => {
+  if (result?.labels[name]) return result.labels[name];
   const known = fields.get(name) ?? { label: LABELS[name] ?? name, unit: UNITS[name] };
   return known.unit ? `${known.label} (${known.unit})` : known.label;
 };
 
 function draw(y = result.measured[result.measured.length - 1], shape = result.fields.length === 2 ? "map" : "curves") {
   const root = document.getElementById("sweep-results"), { columns, fields: varied, measured } = result;
+  const ends = (name, k) => [columns[`low(${name})`]?.[k] ?? NaN, columns[`high(${name})`]?.[k] ?? NaN];
   const list = element("select", { onchange: () => draw(list.value, kind.value) }, ...measured.map((name) => element("option", { value: name }, named(name))));
   list.value = y;
   const kind = element("select", { onchange: () => draw(list.value, kind.value) }, element("option", { value: "curves" }, "curves"), element("option", { value: "map" }, "heat map"));
@@ -92,14 +113,15 @@ function draw(y = result.measured[result.measured.length - 1], shape = result.fi
     const lines = new Map();
     columns[varied[0]].forEach((value, k) => {
       const name = varied.length === 2 ? `${named(varied[1])} ${short(columns[varied[1]][k])}` : named(y);
-      if (!lines.has(name)) lines.set(name, { name, x: [], y: [] });
+      if (!lines.has(name)) lines.set(name, { name, x: [], y: [], ends: [] });
       lines.get(name).x.push(value);
       lines.get(name).y.push(columns[y][k] ?? NaN);
+      lines.get(name).ends.push(ends(y, k));
     });
     plot(drawn, { title: "Sweep", lines: [...lines.values()], x: { label: named(varied[0]), logarithmic: request.ranges[0].logarithmic }, y: { label: named(y) } });
   }
-  const names = [...varied, ...measured];
-  const rows = columns[varied[0]].map((_, k) => names.map((name) => short(columns[name][k], 5)));
+  const names = Object.keys(columns), shown = [...varied, ...measured];
+  const rows = columns[varied[0]].map((_, k) => shown.map((name) => (columns[`low(${name})`] ? intervalText(columns[name][k], ends(name, k)) : short(columns[name][k], 5))));
   const save = (content, kind, name) => {
     const link = element("a", { href: URL.createObjectURL(new Blob([content], { type: kind })), download: name });
     link.click();
@@ -109,7 +131,8 @@ function draw(y = result.measured[result.measured.length - 1], shape = result.fi
     element("button", { type: "button", onclick: () => save([names.join(","), ...columns[varied[0]].map((_, k) => names.map((name) => columns[name][k] ?? "").join(","))].join("\n") + "\n", "text/csv", "sweep.csv") }, "Save CSV"),
     element("button", { type: "button", onclick: () => save(Uint8Array.from(atob(result.png), (c) => c.charCodeAt(0)), "image/png", "sweep.png") }, "Save PNG")), drawn);
   root.replaceChildren(card, element("details", { class: "card" }, element("summary", {}, `Table of ${rows.length} cameras`),
-    element("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "Table of the sweep" }, table("All combinations.", names.map(named), rows))));
+    element("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "Table of the sweep" }, table(result.labels[measured[0]] ? "All combinations, with 95 % intervals." : "All combinations.", shown.map(named), rows))),
+  result.notes.length ? element("ul", { class: "notes", "aria-label": "Missing values" }, ...result.notes.map((note) => element("li", {}, note))) : "");
 }
 
 function heatMap(root, [across, down], columns, y) {

@@ -159,6 +159,7 @@ MEASUREMENT = Measurement(
         "the chart's colors."
     ),
     order=415,
+    of_photograph=("mean", "percentile_95"),
     headline=("mean",),
     figure="map",
 )

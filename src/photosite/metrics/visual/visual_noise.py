@@ -243,5 +243,6 @@ MEASUREMENT = Measurement(
     ),
     order=410,
     headline=("visual_noise_2013",),
+    of_photograph=("visual_noise_2013", "visual_noise_cpiq", "sigma_lightness", "sigma_a", "sigma_b", "vsnr"),
     figure="curves",
 )
