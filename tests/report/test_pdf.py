@@ -15,9 +15,12 @@ from photosite.metrics.measurement import FieldMap
 from photosite.report.calibration import calibration_page
 from photosite.report.figures.measurement import map_figure
 from photosite.report.page import (
+    Card,
     Column,
     Details,
+    Gallery,
     Heading,
+    Image,
     Images,
     Listing,
     Notice,
@@ -30,6 +33,7 @@ from photosite.report.page import (
     Tile,
     Tiles,
     figure_block,
+    jpeg_bytes,
 )
 from photosite.report.pdf import pdf_bytes
 from photosite.report.write import write_report
@@ -196,3 +200,28 @@ def test_the_overview_is_a_page_of_its_own() -> None:
     assert "MTF50 ≥ 0.3 fail 0.28" in first
     assert "One" not in first
     assert "One read" in second
+
+
+def test_an_overview_of_many_charts_begins_with_one_whole_page() -> None:
+    """Values and figures share the first page, and the others follow in their order."""
+    picture = jpeg_bytes(np.zeros((60, 80, 3), np.float32))
+    tiles = tuple(Tile(f"value {n}.", "1", "0 to 2") for n in range(60))
+    cards = tuple(Card(Image(picture, "image/jpeg", "", f"figure {n}.")) for n in range(24))
+    blocks = (Tiles(tiles), Notice("Diagnostics."), Gallery(cards))
+    pages = text_of(pdf_bytes(Page("Title", "Lead.", (Section("One", (Paragraph("read"),)),), "", blocks)))
+    first, *rest = pages
+    assert "value 0." in first
+    assert "Diagnostics." in first
+    assert first.count("figure ") >= 6
+    assert first.endswith("page 1")
+    assert "follow on the next page" in first
+    whole = " ".join(pages)
+    for word, count in (("value", 60), ("figure", 24)):
+        assert [int(n) for n in re.findall(rf"{word} (\d+)\.", whole)] == list(range(count))
+    assert "read" in rest[-1]
+    assert len(pages) <= 5
+
+    few = (Tiles(tiles[:8]), Gallery(cards[:6]))
+    pages = text_of(pdf_bytes(Page("Title", "Lead.", (Section("One", (Paragraph("read"),)),), "", few)))
+    assert ["figure 5." in page for page in pages] == [True, False]
+    assert "next page" not in pages[0]

@@ -10,7 +10,9 @@ import base64
 import io
 import logging
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -57,6 +59,10 @@ _DRAWING_MM = 124.0  # of a figure; two fit on a page
 _GAP = 4.0  # between images side by side
 _PADDING = 3.4  # horizontal padding of a cell, both sides together
 
+_TILES_PART = 0.5
+"""Part of a crowded first page that tiles take at most."""
+_NOTE_MM = 6.0
+"""Height of the line below a crowded first page."""
 _TILES, _FEW_CARDS = 4, 6
 """Tiles in a row; images up to which two are in a row, of more three."""
 
@@ -113,11 +119,49 @@ class _Document(FPDF):
         self.cell(0, 5, f"{self._page.title}   ·   page {self.page_no()}", align="R")
 
     def overview(self, blocks: Sequence[Block]) -> None:
-        """Write the overview, and begin a new page."""
+        """Write the overview on the first page, what does not fit on the next ones, and begin a new page.
+
+        The first page has tiles and images: tiles take at most half of it where not all of both fit.
+        """
         self.start_section("Overview")
+        space = self.h - self.b_margin - self.get_y()
+        crowded = sum(map(self._overview_height, blocks)) > space
+        rest: list[Callable[[], None]] = []
         for block in blocks:
-            self._block(block)
+            match block:
+                case Tiles(tiles) if crowded:
+                    heights = [self._tiles_height(row) for row in _in_rows(tiles, _TILES)]
+                    kept = _TILES * _fitting(heights, _TILES_PART * space)
+                    self._tiles(tiles[:kept])
+                    rest += [partial(self._tiles, tiles[kept:])] if tiles[kept:] else []
+                case Gallery(cards) if crowded:
+                    across = _across(cards)
+                    heights = [self._cards_height(row, across) for row in _in_rows(cards, across)]
+                    kept = across * _fitting(heights, self.h - self.b_margin - self.get_y() - _NOTE_MM)
+                    self._gallery(cards[:kept], across)
+                    rest += [partial(self._gallery, cards[kept:], across)] if cards[kept:] else []
+                    if rest:
+                        self._write("More values and figures follow on the next page.", size=_SMALL, color=_QUIET)
+                case _:
+                    self._block(block)
+        if rest:
+            self.add_page()
+            self._write("Overview, continued", size=11, style="B")
+        for write in rest:
+            write()
         self.add_page()
+
+    def _overview_height(self, block: Block) -> float:
+        """Return the height of tiles, images, or a paragraph in mm."""
+        match block:
+            case Tiles(tiles):
+                return sum(map(self._tiles_height, _in_rows(tiles, _TILES)))
+            case Gallery(cards):
+                across = _across(cards)
+                return sum(self._cards_height(row, across) for row in _in_rows(cards, across))
+            case Paragraph(text) | Notice(text) | Subheading(text):
+                return self._height(text, _TEXT, "", self.epw) + 4.0
+        return 0.0
 
     def section(self, section: Section) -> None:
         """Write a section, with its heading in the outline."""
@@ -248,8 +292,8 @@ class _Document(FPDF):
     def _tiles(self, tiles: Sequence[Tile]) -> None:
         width = (self.epw - _GAP * (_TILES - 1)) / _TILES
         for row in _in_rows(tiles, _TILES):
-            texts = [((tile.label, _TINY, ""), (tile.text, 10.5, "B"), (tile.note, _TINY, "")) for tile in row]
-            height = max(sum(self._height(*line, width - 4) for line in lines) for lines in texts) + 2
+            texts = [_tile_lines(tile) for tile in row]
+            height = self._tiles_height(row) - 2
             self._room(height)
             top = self.get_y()
             for number, (tile, lines) in enumerate(zip(row, texts, strict=True)):
@@ -267,6 +311,11 @@ class _Document(FPDF):
             self.set_y(top + height + 2)
         self.set_fill_color(0)
 
+    def _tiles_height(self, row: Sequence[Tile]) -> float:
+        """Return the height of a row of tiles with the gap below, in mm."""
+        width = (self.epw - _GAP * (_TILES - 1)) / _TILES
+        return max(sum(self._height(*line, width - 4) for line in _tile_lines(tile)) for tile in row) + 4
+
     def _height(self, text: str, size: float, style: str, width: float) -> float:
         """Return the height of a text that is wrapped to a width, in mm."""
         self._look(size, style)
@@ -275,14 +324,21 @@ class _Document(FPDF):
         assert isinstance(height, float | int)
         return float(height)
 
-    def _gallery(self, cards: Sequence[Card]) -> None:
-        across = 2 if len(cards) <= _FEW_CARDS else 3
+    def _cards_height(self, row: Sequence[Card], across: int) -> float:
+        """Return the height of a row of images with titles and captions, in mm."""
+        width = (self.epw - _GAP * (across - 1)) / across
+        titles = max(self._height(card.image.title, _SMALL, "B", width) for card in row)
+        captions = max(self._height(card.caption, _SMALL, "", width) for card in row)
+        return titles + max(_height_over_width(card.image) for card in row) * width + captions + 3
+
+    def _gallery(self, cards: Sequence[Card], across: int | None = None) -> None:
+        across = across or _across(cards)
         width = (self.epw - _GAP * (across - 1)) / across
         for row in _in_rows(cards, across):
             titles = max(self._height(card.image.title, _SMALL, "B", width) for card in row)
             captions = max(self._height(card.caption, _SMALL, "", width) for card in row)
             tallest = max(_height_over_width(card.image) for card in row) * width
-            self._room(titles + tallest + captions + 3)
+            self._room(self._cards_height(row, across))
             top = self.get_y()
             for number, card in enumerate(row):
                 left = self.l_margin + number * (width + _GAP)
@@ -350,6 +406,26 @@ class _Document(FPDF):
 
     def _widest(self, texts: Sequence[str]) -> float:
         return max(map(self.get_string_width, texts)) + _PADDING
+
+
+def _tile_lines(tile: Tile) -> tuple[tuple[str, float, str], ...]:
+    """Return text, size and style of the lines of a tile."""
+    return (tile.label, _TINY, ""), (tile.text, 10.5, "B"), (tile.note, _TINY, "")
+
+
+def _across(cards: Sequence[Card]) -> int:
+    return 2 if len(cards) <= _FEW_CARDS else 3
+
+
+def _fitting(heights: Sequence[float], space: float) -> int:
+    """Return how many of the first heights fit into a space.
+
+    Examples
+    --------
+    >>> _fitting([30, 30, 30], 70)
+    2
+    """
+    return sum(total <= space for total in accumulate(heights))
 
 
 def _in_rows(items: Sequence[_Item], across: int) -> list[Sequence[_Item]]:
