@@ -251,3 +251,28 @@ def test_the_exposure_of_files_that_state_none(tmp_path):
     assert sorted(times) == [0.01, 0.02, 0.02, 0.02]
     with raises(InputError, "exposure_s"):
         open_frames(tmp_path, exposure_s=-1)
+
+
+def test_a_gray_page_behind_a_color_preview(tmp_path):
+    """Gray pages keep their numbers; the color page is skipped as a thumbnail is, and refused by its kind."""
+    data, file = pages(3), tmp_path / "dark_10ms.tif"
+    with tifffile.TiffWriter(file) as writer:
+        writer.write(np.zeros((5, 6, 3), np.uint8), photometric="rgb")
+        for page in data[:2]:
+            writer.write(page, photometric="minisblack")
+    for number in (1, 2):
+        assert np.array_equal(read_raw(f"{file}[{number}]").dn, data[number - 1])
+    (group,) = open_frames(file, bits=12).groups
+    assert [frame.name for frame in group.frames] == [f"{file}[1]", f"{file}[2]"]
+    assert np.array_equal(np.stack(list(group)), data[:2])
+    with raises(FileError, "pixels", value="RGB with 3 samples a pixel"):
+        read_raw(f"{file}[0]")
+    with raises(FileError, "the file holds 2 frames"):
+        read_raw(file)
+
+
+def test_one_page_of_several_is_no_measurement(tmp_path):
+    file = tmp_path / "dark_10ms.tif"
+    tifffile.imwrite(file, pages(4), photometric="minisblack")
+    with raises(FileError, "the selection is one frame of 4", path=f"{file}[0]"):
+        open_frames(f"{file}[0]", bits=12)

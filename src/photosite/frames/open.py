@@ -319,7 +319,11 @@ def _texts(patterns: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def _stack(file: Path, patterns: KindPatterns, selection: str | None, layout: Layout | None) -> FrameFile:
-    if len(select_headers(file, read_headers(file, layout), selection)) == 1:
+    headers = read_headers(file, layout)
+    if len(select_headers(file, headers, selection)) == 1:
+        if len(headers) > 1:
+            what = f"the selection is one frame of {len(headers)}"
+            raise FileError(f"{file}[{selection}]", what, hint=f"Omit [{selection}] for all of them")
         hint = "A measurement is a folder, an EMVA 1288 descriptor or a YAML protocol"
         raise FileError(file, "the file holds a single frame", hint=hint)
     settings = FrameSettings(kind=_kind_by_pattern(file, patterns))

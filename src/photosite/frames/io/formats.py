@@ -311,13 +311,15 @@ def select_headers(path: Path, headers: tuple[FrameHeader, ...], selection: str 
     Raises
     ------
     FileError
-        If the file has no such part.
+        If the file has no such part, or the part is no frame.
     """
     if selection is None:
         return headers
     wanted = re.sub(r"\s*,\s*", ",", selection.strip().strip("/")).casefold()
     found = tuple(header for header in headers if wanted in map(str.casefold, header.names))
     if not found:
+        if (check := getattr(detect_format(path).load(), "check_part", None)) is not None:
+            check(path, wanted)
         names = list(dict.fromkeys(name for header in headers for name in header.names))
         shown = ", ".join(names[:_MOST_NAMES]) + (", ..." if len(names) > _MOST_NAMES else "")
         raise FileError(f"{path}[{selection}]", "the file has no such part", hint=f"Its parts are {shown}")

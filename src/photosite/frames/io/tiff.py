@@ -352,19 +352,19 @@ def _significant_bits(text: str, stored_bits: int) -> int | None:
 
 
 def read_headers(path: Path) -> tuple[FrameHeader, ...]:
-    """Read the headers of a TIFF file's frames, one a page; thumbnails are skipped.
+    """Read the headers of a TIFF file's frames, one a page; thumbnails, and color pages beside gray ones, are skipped.
 
     A page without its own exposure time or metadata takes those of the first page.
     """
-    pages = [page for page in read_directories(path) if not int(page.number(NEW_SUBFILE_TYPE) or 0) & 1]
-    if not pages:
-        raise FileError(path, "has no full-size page, only thumbnails")
+    every = _full_size_pages(path)
+    gray = [(number, page) for number, page in enumerate(every) if _is_gray(page)]
+    numbers, pages = zip(*(gray or enumerate(every)), strict=True)
     first = _header(path, pages[0], None)
     exposures: list[float | None] = [None]
     if first.exposure_s is None:
         exposures = _microscope_exposures(pages[0], len(pages))
         first = replace(first, exposure_s=exposures[0])
-    if len(pages) == 1:
+    if len(every) == 1:
         _check_not_hidden(path, pages[0])
         return (replace(first, first_pixel=_first_pixel(pages[0], first)),)
     headers = [first, *(_header(path, page, first) for page in pages[1:])]
@@ -372,8 +372,26 @@ def read_headers(path: Path) -> tuple[FrameHeader, ...]:
         headers = [replace(header, exposure_s=own) for header, own in zip(headers, exposures, strict=True)]
     return tuple(
         replace(header, location=FrameLocation(f"[{number}]", page.offset, names=(str(number),)))
-        for number, (page, header) in enumerate(zip(pages, headers, strict=True))
+        for number, page, header in zip(numbers, pages, headers, strict=True)
     )
+
+
+def _full_size_pages(path: Path) -> list[Directory]:
+    pages = [page for page in read_directories(path) if not int(page.number(NEW_SUBFILE_TYPE) or 0) & 1]
+    if not pages:
+        raise FileError(path, "has no full-size page, only thumbnails")
+    return pages
+
+
+def _is_gray(page: Directory) -> bool:
+    return (page.number(SAMPLES) or 1) == 1 and page.number(PHOTOMETRIC) in _GRAY
+
+
+def check_part(path: Path, name: str) -> None:
+    """Raise `FileError` if a name is the number of a page that is no frame."""
+    pages = _full_size_pages(path)
+    if name.isdecimal() and int(name) < len(pages):
+        checked_size(path, pages[int(name)], 32)
 
 
 def _header(path: Path, page: Directory, first: FrameHeader | None) -> FrameHeader:
@@ -445,7 +463,7 @@ def checked_size(path: Path, page: Directory, most_bits: int = 16) -> tuple[int,
     photometric = page.number(PHOTOMETRIC)
     if not rows or not cols:
         raise FileError(path, "is damaged: its page has no width or height")
-    if samples != 1 or photometric not in _GRAY:
+    if not _is_gray(page):
         kind = _COLOR.get(photometric, f"photometric interpretation {photometric}")
         if samples != 1:
             kind += f" with {samples} samples a pixel"
