@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tifffile
 from scipy.stats import norm
 
 from photosite.calibration.calibrate import calibrate
@@ -11,6 +12,7 @@ from photosite.calibration.reduction.groups import CLIPPED_DARK_FRACTION, Level,
 from photosite.engine.frame_sums import FrameSums
 from photosite.errors import CalibrationError
 from photosite.frames.frame_set import FrameSet
+from photosite.frames.open import open_frames
 
 GAIN, BLACK, READ_DN, EFFICIENCY = 0.5, 64.0, 2.0, 0.6
 LEVELS = (200.0, 400.0, 800.0, 1600.0, 2400.0, 3200.0, 5000.0, 7000.0, 9000.0)
@@ -88,6 +90,29 @@ def test_numbers_shifted_to_sixteen_bits():
     error = error_of([(kind, t, dn << 4) for kind, t, dn in measurement()], bits=16)
     assert error.id == "shifted-numbers"
     assert error.hint == "Divide them by 16 and state 12 bits"
+
+
+def test_the_bits_that_divide_shifted_numbers_of_files(tmp_path):
+    for number, (kind, t, dn) in enumerate(measurement()):
+        tifffile.imwrite(tmp_path / f"{kind}_{t:.6f}s_{number}.tif", dn << 4, photometric="minisblack")
+    with pytest.raises(CalibrationError) as caught:
+        calibrate(open_frames(tmp_path))
+    assert (caught.value.id, caught.value.arguments) == ("shifted-numbers", {"bits": 12})
+    assert "{bits}" in caught.value.hint
+    assert calibrate(open_frames(tmp_path, **caught.value.arguments)).saturation_dn.value > 3000
+
+
+def test_hot_pixels_name_the_dark_frames_whose_nonuniformity_they_make():
+    """30 hot pixels of 400 DN/s, too many to be left out as defects, in frames of 0.5 s, which are the most."""
+    rng = np.random.default_rng(5)
+    frames = [*measurement(), *(("dark", 0.5, shot(rng, 10.0)) for _ in range(8))]
+    hot = rng.permutation(24 * 32)[:30]
+    for _, t, dn in frames:
+        dn.flat[hot] = np.minimum(dn.flat[hot] + np.uint16(400 * t), 4095)
+    (found,) = raised(FrameSet.from_arrays(frames, bits=12), "far-pixels")
+    assert "DSNU1288 at 0.5 s" in found.text
+    assert {"dsnu_e", "dsnu1288_e"} <= set(found.parameters)
+    assert not any(name.startswith("prnu") for name in found.parameters)
 
 
 def mixed_units():

@@ -122,3 +122,15 @@ def test_invalid_spectrum_files(tmp_path: Path, text: str, what: str, line: int 
 def test_missing_spectrum_file(tmp_path: Path) -> None:
     with pytest.raises(FileError):
         load_spectrum(tmp_path / "none.csv")
+
+
+def test_columns_in_percent(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("nm,relative energy (%),standard uncertainty (%)\n400,50,1\n500,100,2\n")
+    content = load_spectrum(file)
+    assert content.columns == ("wavelength_nm", "relative_energy", "standard_uncertainty")
+    assert content.spectrum.values.tolist() == [0.5, 1.0]
+    assert content.standard_uncertainty.tolist() == [0.01, 0.02]
+    file.write_text("nm,responsivity_a_per_w,u (%)\n400,0.1,1\n500,0.2,2\n")
+    with raises(FileError, "the heading of the standard uncertainty", value="u (%)", line=1):
+        load_spectrum(file)

@@ -35,6 +35,17 @@ def test_numbers_that_are_shifted_by_the_bits_of_the_sensor(tmp_path):
     assert [entry.id for entry in frames.diagnostics] == ["numbers-shifted-down"]
 
 
+def test_numbers_above_the_bits_of_the_sensor_name_it(tmp_path):
+    tifffile.imwrite(tmp_path / "dark_1s.tif", DN * 16 + 1, photometric="minisblack")
+    expected = "at most 4095, for 12 bits, which the sensor 'Nikon D200' has"
+    with raises(FileError, "dn", value=int(DN.max()) * 16 + 1, expected=expected):
+        next(iter(ps.open_frames(tmp_path, sensor=SENSOR).groups[0]))
+    with raises(FileError, "dn", expected=expected):
+        ps.read_raw(tmp_path / "dark_1s.tif", sensor=SENSOR)
+    with raises(FileError, "dn", expected="at most 4095, for 12 bits"):
+        next(iter(ps.open_frames(tmp_path, sensor=SENSOR, bits=12).groups[0]))
+
+
 @pytest.mark.parametrize(
     ("frame", "given", "what"),
     [

@@ -61,9 +61,20 @@ def test_keywords_of_fits(tmp_path: Path, bits: int, bitpix: int) -> None:
     assert (header["BUNIT"], header["BAYERPAT"], header["ROWORDER"]) == ("adu", "RGGB", "TOP-DOWN")
     assert (header["EXPTIME"], header["BLKLEVEL"], header["SATURATE"]) == (0.02, 64, 2**bits - 1)
     assert header["EGAIN"] == pytest.approx(4, rel=1e-12)  # electrons per DN
-    assert header["RDNOISE"] == pytest.approx(3, rel=1e-12)  # electrons
+    assert "RDNOISE" not in header, "the dark noise of a profile has DSNU in it"
     assert (header["GAIN"], header["CCD-TEMP"], header["IMAGETYP"]) == (200, -10.5, "light")
     assert header["INSTRUME"] == 'Acme X-1 "?" <&>'
+
+
+def test_read_noise_of_simulated_fits(tmp_path: Path) -> None:
+    """2 electrons of read noise, beside a DSNU of 30."""
+    sensor = ps.load_sensor("nikon-d200").with_(read_noise_e=2.0, dsnu_e=30.0, rows=24, cols=36)
+    camera = ps.Camera(ps.DiffractionLimited(f_number=8, focal_length_mm=50), sensor)
+    scene = ps.charts.macbeth(illuminant="A", mean_luminance_cd_m2=40)
+    camera.capture(scene, exposure_s=0.01, seed=1).save(tmp_path / "a.fits")
+    assert fits.getheader(tmp_path / "a.fits")["RDNOISE"] == pytest.approx(2.0, rel=1e-9)
+    gain = fits.getheader(tmp_path / "a.fits")["EGAIN"]
+    assert gain == pytest.approx(1 / sensor.system_gain_dn_per_e, rel=1e-9)
 
 
 def test_fits_of_other_programs_states_what_it_can(tmp_path: Path) -> None:

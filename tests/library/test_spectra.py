@@ -11,7 +11,7 @@ from camera_files import WAVELENGTHS, rawtoaces_content, write_json
 from raising import raises
 
 import photosite as ps
-from photosite.errors import FileError
+from photosite.errors import FileError, InputError
 from photosite.library.spectra import csv_camera, rawtoaces_camera
 
 
@@ -171,3 +171,30 @@ def test_json_file_of_another_kind(tmp_path: Path) -> None:
 
     with raises(FileError, "the file is neither"):
         find_cameras(write_json(tmp_path / "a.json", {"a": 1}))
+
+
+@pytest.mark.parametrize("unit", [" (%)", " [%]", " %", "_percent", "(percent)", "/%", ", percent"])
+def test_percent_in_a_heading_is_percent(tmp_path: Path, unit: str) -> None:
+    """Columns in percent and as fractions are of one scale, and channels have their names."""
+    lines = [f'nm;R{unit};G;"B{unit}"', "400;2;0.05;40", "500;3;0.5;30", "600;55;0.2;3"]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    found = csv_camera(tmp_path / "a.csv").sensitivity
+    assert found.channels.keys() == {"R", "G", "B"}
+    for name, values in {"R": [0.02, 0.03, 0.55], "G": [0.05, 0.5, 0.2], "B": [0.4, 0.3, 0.03]}.items():
+        np.testing.assert_allclose(found.channels[name], values, rtol=1e-14)
+    made = found.sensor(ps.load_sensor("nikon-d200"))
+    assert made.channels.keys() == {"R", "G", "B"}
+
+
+def test_headings_that_are_no_channels_of_the_sensor(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("nm,R,Gr,B\n400,1,2,3\n410,1,2,3\n")
+    with raises(InputError, "the headings of the spectral sensitivity", value=["R", "Gr", "B"]):
+        csv_camera(tmp_path / "a.csv").sensitivity.sensor(ps.load_sensor("nikon-d200"))
+
+
+def test_the_only_column_is_the_only_channel(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("nm,QE (%)\n400,10\n410,50\n")
+    mono = ps.load_sensor("sony-imx174")
+    made = csv_camera(tmp_path / "a.csv").sensitivity.sensor(mono)
+    peak = max(mono.channels["M"].quantum_efficiency)
+    np.testing.assert_allclose(made.channels["M"].quantum_efficiency, [0.2 * 410 / 400 * peak, peak], rtol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from photosite.scene.planes import Planes
 from photosite.scene.scene import Scene
 from photosite.sensor.model import Sensor
 from photosite.sensor.noise_profile import sensor_noise_profile
+from photosite.sensor.noise_terms import NoiseTerms
 from photosite.sensor.saturation_level import saturation_level_dn
 from photosite.sensor.shot import Shot
 from photosite.values.cfa import plane_names
@@ -46,6 +48,8 @@ def frame_fields(camera: CameraParts, exposure_s: float, shot: Shot, scene: AnyS
         metadata["gain_setting"] = sensor.gain_setting
         if sensor.gain_setting_is_iso:
             metadata["iso"] = sensor.gain_setting
+    if several is None:
+        metadata["read_noise_e"] = math.sqrt(NoiseTerms(sensor).read_e2)
     if celsius is not None:
         metadata["temperature_c"] = float(celsius)
     lens = getattr(camera.optics, "base", camera.optics)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from photosite.color.wavelength_units import NANOMETRES_PER, camera_unit, heading_unit
 from photosite.errors import FileError, InputError
-from photosite.files.text_table import read_table
+from photosite.files.text_table import read_table, split_percent
 from photosite.values.shown import ResultTable, Shown, Tabular, drawn
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def load_spectrum(path: str | PathLike[str]) -> SpectrumFile:
         UTF-8 text as people write tables (`photosite.files.text_table`): wavelength, increasing or decreasing from line
         to line, value, and optionally the value's standard uncertainty, separated by commas, semicolons, tabs or
         blanks. A first line without numbers names the columns; the first names the unit of the wavelengths, such as
-        `wavelength_nm` or `Wavelength [um]`, or they are in nm.
+        `wavelength_nm` or `Wavelength [um]`, or they are in nm. Columns such as `transmittance (%)` are in percent.
 
     Raises
     ------
@@ -203,7 +203,14 @@ def load_spectrum(path: str | PathLike[str]) -> SpectrumFile:
     if not table.rows:
         raise FileError(file, "the file holds no spectrum", hint="Write lines of wavelength in nm and value: 550, 0.31")
     numbers = np.array(table.numbers(_COLUMNS))
-    columns = tuple("_".join(re.findall(r"[^\W_]+", cell.lower())) for cell in table.heading or ())
+    stated = [split_percent(cell) for cell in table.heading or ()]
+    columns = tuple("_".join(re.findall(r"[^\W_]+", cell.lower())) for cell, _ in stated)
+    in_percent = [percent for _, percent in stated[1:]]
+    if in_percent[:2] == [False, True]:
+        what, value = "the heading of the standard uncertainty", (table.heading or ())[2]
+        raise FileError(file, what, table.heading_line, value=value, expected="in the unit of the values, not relative")
+    for column, percent in enumerate(in_percent[: numbers.shape[1] - 1], start=1):
+        numbers[:, column] /= 100.0 if percent else 1.0
     if table.heading is not None:
         is_wavelength, unit = heading_unit(table.heading[0])
         if is_wavelength:

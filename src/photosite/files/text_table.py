@@ -96,6 +96,21 @@ def parse_number(cell: str, *, decimal_comma: bool = False) -> float | None:
     return value if math.isfinite(value) else None
 
 
+_PERCENT = re.compile(r"(.*[^\s_,/(\[-])[\s_,/-]*[(\[]?\s*(?:in )?(?:%|percent)\s*[)\]]?", re.IGNORECASE)
+
+
+def split_percent(heading: str) -> tuple[str, bool]:
+    """Return a heading without the unit percent, and whether it states it.
+
+    Examples
+    --------
+    >>> split_percent("R (%)"), split_percent("qe_percent"), split_percent("red"), split_percent("%")
+    (('R', True), ('qe', True), ('red', False), ('%', False))
+    """
+    found = _PERCENT.fullmatch(heading.strip())
+    return (heading, False) if found is None else (found[1], True)
+
+
 def read_table(path: str | PathLike[str], what: str, largest: int) -> TextTable:
     """Read a table; `what` names it in errors, such as "a spectrum".
 

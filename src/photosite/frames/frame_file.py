@@ -10,7 +10,8 @@ import json
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -227,6 +228,18 @@ def check_sensor(where: str | PathLike[str], sensor: Sensor, bits: int, cfa: Cfa
         theirs = f"the sensor '{sensor.name}' has {tile_text(sensor.array.cfa)}"
         what = f"{own} color filter array {tile_text(cfa)}, but {theirs}"
         raise FileError(where, what, hint=WHICH_SENSOR)
+
+
+@contextmanager
+def bits_from(sensor_name: str | None) -> Iterator[None]:
+    """Name the sensor, if it gives the bit depth of files that state none, in the error for larger numbers."""
+    try:
+        yield
+    except FileError as error:
+        if sensor_name is None or error.what != "dn" or not str(error.expected).endswith(" bits"):
+            raise
+        expected = f"{error.expected}, which the sensor '{sensor_name}' has"
+        raise FileError(error.path, "dn", value=error.value, expected=expected, hint=WHICH_SENSOR) from None
 
 
 WHICH_SENSOR = "Name the sensor that took the frames, or correct its file"

@@ -27,6 +27,7 @@ from photosite.frames.frame_file import (
     FrameLocation,
     OwnOutputError,
     SetProperties,
+    bits_from,
     check_sensor,
     of_bits,
 )
@@ -325,6 +326,8 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
         check_sensor(source, properties.sensor, bits, cfa, stated=(stated[0], stated[1]))
     levels, leveled = _overscan(frames)
     references, followed = _references(frames)
+    given = properties.bits is not None or any(f.header.bits is not None for f in frames)
+    bits_of = None if given or properties.sensor is None else properties.sensor.name
     beside = _common("border without light", frames, [f.header.border for f in frames], None)
     sources = [
         FrameSource(
@@ -342,6 +345,7 @@ def _frame_set(frames: list[_OpenedFrame], source: str, properties: SetPropertie
                 levels,
                 one,
                 f.kept,
+                bits_of,
             ),
             True,
             path=f.file.path,
@@ -668,9 +672,14 @@ class _FrameReading:
     levels: tuple[float, ...] | None = None  # of the overscan, by amplifier, to which the numbers are shifted
     reference: _Reference | None = None  # whose masked border the numbers follow
     kept: _KeptNumbers = field(default_factory=_KeptNumbers, compare=False)  # read when the frame set was opened
+    bits_of: str | None = None  # name of the sensor that gives the bit depth; None where files or the caller state it
 
     def __call__(self) -> Numbers:
         """Return the digital numbers."""
+        with bits_from(self.bits_of):
+            return self._read()
+
+    def _read(self) -> Numbers:
         if self.conversion is not None:
             stored = self.conversion.apply(self._name, self._stored())
             dn = of_bits(self._name, stored, self.bits)

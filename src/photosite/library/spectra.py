@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.color.wavelength_units import NANOMETRES_PER, camera_unit, heading_unit
-from photosite.errors import FileError
+from photosite.errors import FileError, InputError
 from photosite.files.small_files import finite_number, valid_content
-from photosite.files.text_table import read_table
+from photosite.files.text_table import read_table, split_percent
 from photosite.sensor.model import Sensor
 from photosite.sensor.sections import Channel
 from photosite.values.read_only import ReadOnly
@@ -45,14 +45,26 @@ class SpectralSensitivity(Shown):
         """Return a sensor with these channels in place of those of `base`.
 
         The quantum efficiency is the response per energy over the wavelength, because a photon has the energy h c /
-        wavelength. It is scaled such that its largest value is that of `base`, and marked as assumed.
+        wavelength. It is scaled such that its largest value is that of `base`, and marked as assumed. A single channel
+        is that of a `base` with one, whatever its name.
 
         Raises
         ------
         InputError
             If `base` has channels that the table lacks.
         """
-        per_photon = {name: np.maximum(values, 0.0) / self.wavelength_nm for name, values in self.channels.items()}
+        names = tuple(base.channels)
+        own = dict(self.channels)
+        if len(own) == len(names) == 1:
+            own = dict(zip(names, own.values(), strict=True))
+        if not set(names) <= own.keys():
+            expected = f"{', '.join(names)}, the channels of the sensor '{base.name}'"
+            what, hint = (
+                "the headings of the spectral sensitivity",
+                "Rename the columns of the table, or name its sensor",
+            )
+            raise InputError(what, value=list(own), expected=expected, hint=hint)
+        per_photon = {name: np.maximum(own[name], 0.0) / self.wavelength_nm for name in names}
         peak = max(max(channel.quantum_efficiency) for channel in base.channels.values())
         scale = peak / max(float(values.max()) for values in per_photon.values())
         channels = {
@@ -63,7 +75,6 @@ class SpectralSensitivity(Shown):
                 assumed=True,
             )
             for name, values in per_photon.items()
-            if name in base.channels
         }
         return base.with_(channels=channels)
 
@@ -119,10 +130,10 @@ def csv_camera(path: Path) -> SpectralFile:
     """Read a table of text with a column for each channel, as `photosite.files.text_table` reads tables.
 
     The first column is the wavelength, in nm unless its heading states another unit: wavelength, lambda or nm, with or
-    without the unit (`wavelength_nm`, `Wavelength [um]`). Without a heading the channels are R, G and B, or M for one,
-    and the first column may be missing where the name of the file ends in first and last wavelength and step, as that
-    of rawtoaces' older file `Nikon_D200_380_780_5`. Comments such as `# camera: Nikon D200` state camera, maker, model
-    and license; otherwise the camera is the name of the file.
+    without the unit (`wavelength_nm`, `Wavelength [um]`). A column `R (%)` or `R_percent` is in percent. Without a
+    heading the channels are R, G and B, or M for one, and the first column may be missing where the name of the file
+    ends in first and last wavelength and step, as that of rawtoaces' older file `Nikon_D200_380_780_5`. Comments
+    such as `# camera: Nikon D200` state camera, maker, model and license; otherwise the camera is the name of the file.
 
     Raises
     ------
@@ -141,11 +152,13 @@ def csv_camera(path: Path) -> SpectralFile:
             expected = "the wavelength, such as wavelength, wavelength_nm, wavelength (um), nm or lambda"
             what = "the heading of the first column"
             raise FileError(path, what, table.heading_line, value=table.heading[0], expected=expected)
-        names = [_channel(cell) for cell in table.heading[1:]]
+        stated = [split_percent(cell) for cell in table.heading[1:]]
+        names = [_channel(cell) for cell, _ in stated]
         if not names or len(set(names)) != len(names):
             what = "it needs one column or more for channels, each with another heading"
             raise table.error(what, table.heading_line)
         values = np.array(table.numbers(len(names) + 1))
+        values[:, 1:] /= [100.0 if percent else 1.0 for _, percent in stated]
     else:
         values = np.array(table.numbers(_WITHOUT_HEADING if named is None else (3, *_WITHOUT_HEADING)))
         if named is not None and values.shape[1] == 3:
@@ -167,12 +180,14 @@ def csv_camera(path: Path) -> SpectralFile:
     said = dict(table.stated)
     stem = named["camera"].replace("-", "_") if named else path.stem
     maker, _, model = stem.partition("_")
-    if stated := {"camera", "maker", "manufacturer", "model"} & said.keys():
+    if named_in_comments := {"camera", "maker", "manufacturer", "model"} & said.keys():
         maker = said.pop("maker", said.pop("manufacturer", ""))
         model = said.pop("model", said.pop("camera", ""))
     license_ = said.pop("license", "")
     provenance = ", ".join(f"{name}: {text}" for name, text in said.items())
-    return SpectralFile(maker, model if stated else model.replace("_", " "), license_, provenance, sensitivity)
+    return SpectralFile(
+        maker, model if named_in_comments else model.replace("_", " "), license_, provenance, sensitivity
+    )
 
 
 _WITHOUT_HEADING = (2, 4)

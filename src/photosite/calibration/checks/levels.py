@@ -41,7 +41,7 @@ def _refusal(id: str, seen: str, remedy: str) -> DiagnosticKind:
 SHIFTED_NUMBERS = _refusal(
     "shifted-numbers",
     "All numbers are multiples of a power of two.",
-    "Divide them, and state the smaller bit depth (--bits).",
+    "State the smaller bit depth (--bits), by which the numbers of files of 16 bits are divided.",
 )
 BLACK_DARKS = _refusal(
     "black-darks",
@@ -91,12 +91,17 @@ def shifted_numbers(reduction: Reduction) -> None:
     step = bits_used & -bits_used
     if step > 1 and any(level.spatial_variance > 0.0 for level in group.levels):
         shift = step.bit_length() - 1
+        # Numbers of files that store more bits than stated are divided (`photosite.frames.stored_numbers`).
+        divided = bits == 16 and any(source.path is not None for source in group.group.frames)
         raise reduction.error(
             SHIFTED_NUMBERS,
             f"all numbers are multiples of {step}: they have {bits - shift} bits shifted by {shift} bits, not "
             f"{bits} bits",
-            f"Divide them by {step} and state {bits - shift} bits",
+            f"Pass {{bits}}: the numbers are then divided by {step}"
+            if divided
+            else f"Divide them by {step} and state {bits - shift} bits",
             group,
+            arguments={"bits": bits - shift},
         )
 
 

@@ -45,7 +45,8 @@ FAR_PIXELS = DiagnosticKind(
     "far-pixels",
     "warning",
     "A few pixels, such as dead or stuck ones, make a fifth of the variance over pixels or more.",
-    "DSNU or PRNU, which are those of all pixels, describe these pixels more than the others.",
+    "DSNU1288 of the named exposure time, or PRNU, which are those of all pixels, describe these pixels more than the "
+    "others.",
     "Measure maps (--maps), which list them.",
     ("prnu*", "dsnu*"),
     "fraction of the variance",
@@ -78,7 +79,7 @@ def patterns(evidence: Evidence) -> Iterator[Diagnostic]:
         explained = found.unlit is not None if far.what == "PRNU" else evidence.dark.rounding_shows
         if explained:
             continue
-        yield FAR_PIXELS(str(far), far.fraction, (f"{far.what.lower()}*",))
+        yield FAR_PIXELS(str(far), far.fraction, ("prnu*" if far.what == "PRNU" else "dsnu*",))
 
 
 CHECKS = (Check("result", 180, patterns, linear=True),)

@@ -102,8 +102,13 @@ def calibrate_series(
         )
     stated = [setting for setting in settings if setting is not None]
     if len(stated) < len(settings):
-        hint = "State gain_setting for all frames in the protocol"
-        raise FEW_SETTINGS.error("some frames have no gain setting", where=where, hint=hint)
+        without = next(group for group in frames.groups if group.gain_setting is None)
+        hint = (
+            "State it in names of files or folders (iso400, gain_2.5), headers (ISO, GAIN) or a protocol; {where} "
+            "leaves them out"
+        )
+        what = f"some frames have no gain setting, such as {without.frames[0].name}"
+        raise FEW_SETTINGS.error(what, where=where, hint=hint, arguments={"where": f"gain_setting={stated[0]:g}"})
     base = sensor if sensor is not None else frames.sensor
     done, total = 0, frames.frame_count
     steps = []

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,12 +97,13 @@ class Reduction:
         hint: str | None = None,
         group: GroupStatistics | None = None,
         channel: str = "",
+        arguments: Mapping[str, Any] = MappingProxyType({}),
     ) -> CalibrationError:
         """Return an error of a kind about these frames, or about one of the groups and a channel of it."""
         where = self.frames.source
         if group is not None:
             where += f": {group.label}" + (self.channel_label(channel) if channel else "")
-        return kind.error(what, where=where, hint=hint)
+        return kind.error(what, where=where, hint=hint, arguments=arguments)
 
 
 SEVERAL_CHIPS = DiagnosticKind(

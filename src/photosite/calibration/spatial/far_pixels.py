@@ -23,7 +23,7 @@ class FarPixels:
     Parameters
     ----------
     what
-        The nonuniformity that the map gives.
+        The nonuniformity that the map gives: PRNU, or DSNU1288 with the exposure time.
     count
         Number of these pixels.
     fraction
@@ -36,7 +36,7 @@ class FarPixels:
 
     def __str__(self) -> str:
         return (
-            f"{self.count} outlying pixels, such as dead or stuck ones, make {100 * self.fraction:.3g} % of "
+            f"{self.count} outlying pixels, such as hot, dead or stuck ones, make {100 * self.fraction:.3g} % of "
             f"the variance of the {self.what}, which is that of all pixels, as are its parts of rows and columns. Maps "
             f"(--maps) list them"
         )

@@ -565,7 +565,7 @@ def _dark_structure(
     with ThreadPoolExecutor(1) as thread:  # medians in NumPy take one core, the rest takes all
         offsets = computed_beside(thread, periodic_offsets, mean) if dark.clipped is None else None
         taps = find_taps(mean_of_sites(mean, None, tile.shape), dark=True)
-        far = find_far_pixels("DSNU", mean, tile.shape)
+        far = find_far_pixels(f"DSNU1288 at {dark.reference_exposure_s:g} s", mean, tile.shape)
     return None if offsets is None else offsets.result(), _found([taps]), _found([far])
 
 

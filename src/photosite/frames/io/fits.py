@@ -69,8 +69,9 @@ def recognizes(path: Path, head: bytes) -> bool:
 def write(frame: RawFrame, path: Path) -> None:
     """Write the frame as FITS of 16 or 32 bits, unsigned by BZERO, with what it states in the usual keywords.
 
-    EGAIN and RDNOISE are those of the frame's noise profile, the mean of its channels. The keyword PHOTOSIT has
-    photosite's description, which keeps all fields.
+    EGAIN is that of the frame's noise profile, the mean of its channels. RDNOISE is the metadata read_noise_e: the dark
+    noise of the profile also has DSNU and shot noise of the dark current. The keyword PHOTOSIT has photosite's
+    description, which keeps all fields.
     """
     with _astropy(path):
         from astropy.io import fits
@@ -104,10 +105,9 @@ def _cards(frame: RawFrame) -> Iterator[tuple[str, str | int | float, str]]:
         yield "ROWORDER", "TOP-DOWN", "the first stored row is the top one"
     if frame.noise_profile is not None:
         span = frame.white_level_dn - frame.black_level_dn
-        slope, offset = np.asarray(frame.noise_profile).mean(axis=0).tolist()
-        gain = slope * span
-        yield "EGAIN", 1.0 / gain, "[electron/adu] gain"
-        yield "RDNOISE", math.sqrt(max(offset, 0.0)) * span / gain, "[electron] noise in the dark, one frame"
+        yield "EGAIN", 1.0 / (float(np.asarray(frame.noise_profile)[:, 0].mean()) * span), "[electron/adu] gain"
+    if isinstance(noise := stated.get("read_noise_e"), float):
+        yield "RDNOISE", noise, "[electron] temporal read noise"
     names = {"gain_setting": "GAIN", "temperature_c": "CCD-TEMP", "camera": "INSTRUME", "kind": "IMAGETYP"}
     for name, keyword in names.items():
         value = stated.get(name)

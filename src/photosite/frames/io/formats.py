@@ -22,6 +22,7 @@ from photosite.frames.frame_file import (
     FrameHeader,
     FrameLocation,
     OwnOutputError,
+    bits_from,
     check_sensor,
     split_selection,
 )
@@ -149,15 +150,17 @@ def read_raw(
             raise FileError(path, "index", value=index, expected=f"0 to {len(headers) - 1}")
         location = headers[index].location
     tile = None if cfa is None else cfa_from(cfa)
-    known = headers[index or 0] if headers else None
+    known, bits_of = headers[index or 0] if headers else None, None
     if sensor is not None and known is not None and known.stored_bits is not None:
         if known.bits is None and bits is None:
+            bits_of = sensor.name
             bits = sensor.readout.bits
             if bits > known.stored_bits:
                 what = f"the file stores {known.stored_bits} bits, but the sensor '{sensor.name}' has {bits}"
                 raise FileError(path, what, hint=WHICH_SENSOR)
         tile = tile if known.cfa is not None or tile is not None else sensor.array.cfa
-    frame, notes = read_frame(file, bits, tile, location, has_region=part is not None)
+    with bits_from(bits_of):
+        frame, notes = read_frame(file, bits, tile, location, has_region=part is not None)
     if sensor is not None and known is not None:
         decoded = known.stored_bits is None
         stated = decoded or known.bits is not None, decoded or known.cfa is not None
