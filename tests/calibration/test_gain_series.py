@@ -119,7 +119,7 @@ def test_invalid_series():
     mixed = FrameSet.from_arrays([("dark", 0.1, dn, 0.0, 100.0), ("dark", 0.1, dn, 0.0)], bits=12)
     with pytest.raises(CalibrationError) as caught:
         calibrate_series(mixed)
-    assert caught.value.what.startswith("some frames have no gain setting, such as frame 1 (dark, 0.1 s)")
+    assert caught.value.what.startswith("some frames have no gain setting, such as frame 1 (dark, 1/10 s)")
     assert caught.value.arguments == {"where": "gain_setting=100"}
     _, shot = lab(0, settings=(100, 200))
     frames = shot.frame_set()

@@ -48,6 +48,19 @@ def levels(signal, shot, *, white_fraction=None, x=None, signal_sigma=1e-3, shot
 RISING = [100.0, 200.0, 300.0, 400.0]
 
 
+@pytest.mark.parametrize("spread", [0.5, 1.0, 1.5])
+def test_full_pixels_that_change_with_the_frame_alone(spread):
+    """Equal pixels whose level moves by whole frames: the spread is the noise, or beside it by chance."""
+    curve = replace(
+        levels([*RISING, 500.0, 500.0], [20.0, 40.0, 60.0, 80.0, 0.0, 0.0]),
+        spread=np.array([4.0, 4.0, 4.0, 4.0, spread, spread]),
+        frame_scatter=np.full(6, 0.04),
+    )
+    found = find_saturation(curve, white=65535).level_dn
+    assert found.value == 564.0
+    assert 0.2 <= found.standard_uncertainty <= 0.2 * (1 + 1e-3)
+
+
 def test_saturation_is_where_the_variance_is_largest():
     curve = levels([*RISING, 490.0, 500.0], [20.0, 40.0, 60.0, 80.0, 50.0, 0.0], white_fraction=[0, 0, 0, 0, 0.3, 1])
     found = find_saturation(curve, white=564)

@@ -306,7 +306,8 @@ def _clipped_level(levels: LightLevels, white: int) -> tuple[Value, str]:
         scatter = float(levels.frame_scatter[last])
         if scatter > 0.0:  # row noise, for one, shifts whole frames
             noise, frames = float(levels.noise[last]), float(levels.frames[last])
-            variance *= max(1.0 - noise / frames / (float(levels.spread[last]) ** 2 - noise), 0.0)
+            of_pixels = float(levels.spread[last]) ** 2 - noise
+            variance *= max(1.0 - noise / frames / of_pixels, 0.0) if of_pixels > 0.0 else 0.0
             value += Uncertain.of(0.0, math.sqrt(scatter), Source.student(frames - 1.0))
         value += Uncertain.of(0.0, math.sqrt(variance))
         return value, "mean of the brightest flat fields, all pixels clipped"
