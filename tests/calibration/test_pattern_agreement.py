@@ -31,6 +31,8 @@ def stack(
     light_e_per_s: float = LIGHT_E_PER_S,
     exposure_s: float | None = None,
     covered: int = 0,
+    inner: slice = slice(0),
+    well_dn: float | None = None,
     change: Change = lambda kind, numbers: numbers,
     cfa: Cfa = MONOCHROME,
     shape: tuple[int, int] = (96, 128),
@@ -40,6 +42,8 @@ def stack(
 ) -> FrameSet:
     """Ten dark frames of each time and six flat fields; `warmer` is the dark current of the flat fields over theirs.
 
+    `inner` are columns without light, `well_dn` is the mean number of full wells, which differ by 1 %.
+
     `leak` is the light in the dark frames, e-/s; `stray_e` what flat fields have at no light; `exposure_s` that of all
     flat fields, whose light then changes. `of` makes one flat field of three.
     """
@@ -48,6 +52,8 @@ def stack(
     offset = rng.normal(0.0, DSNU_E, shape)
     rate = dark_e_per_s * rng.lognormal(-0.125, 0.5, shape)
     response[:, shape[1] - covered :] = 0.0
+    response[:, inner] = 0.0
+    well_e = np.inf if well_dn is None else (well_dn - BLACK) / GAIN * (1.0 + rng.normal(0.0, 0.01, shape))
 
     colors = np.ones(shape) if cfa == MONOCHROME else np.tile([[0.6, 1.0], [1.0, 0.4]], (shape[0] // 2, shape[1] // 2))
 
@@ -55,7 +61,7 @@ def stack(
         mean = rate * seconds if kind == "dark" else rate * (exposure_s or seconds) * warmer
         light_e = light_e_per_s * seconds + stray_e if kind == "light" else leak * seconds
         mean = mean + light_e * response * colors
-        electrons = rng.poisson(mean) + offset + rng.normal(0.0, READ_E, shape)
+        electrons = np.minimum(rng.poisson(mean), well_e) + offset + rng.normal(0.0, READ_E, shape)
         return np.clip(np.rint(change(kind, GAIN * electrons + BLACK)), 0, 4095).astype(np.uint16)
 
     taken: list[tuple[Any, ...]] = [("dark", t, frame("dark", t)) for t in dark_s for _ in range(10)]
@@ -151,6 +157,25 @@ def test_turned_dark_frames_are_named(turn: Callable[[np.ndarray], np.ndarray], 
 def test_columns_without_light_are_counted() -> None:
     found = sizes(stack(2, covered=6))
     assert found["unlit-lines"] == pytest.approx(6 / 128)
+
+
+@pytest.mark.parametrize("cfa", [MONOCHROME, BAYER], ids=["mono", "bayer"])
+def test_overscan_between_amplifiers_is_counted(cfa: Cfa) -> None:
+    """Two amplifiers whose overscan meets in the middle, in files without keywords."""
+    result = calibrate(stack(2, inner=slice(60, 70), cfa=cfa))
+    entry = next(entry for entry in result.diagnostics if entry.id == "unlit-lines" and entry.severity == "warning")
+    assert entry.size == pytest.approx(10 / 128)
+    assert "60 to 69" in entry.text
+    assert result.prnu_percent.reason_id == "unlit-lines"
+
+
+def test_dead_columns_are_no_overscan() -> None:
+    assert "unlit-lines" not in sizes(stack(2, inner=slice(60, 62)))
+
+
+def test_full_wells_that_differ_have_the_noise_of_the_dark_frames() -> None:
+    found = sizes(stack(3, well_dn=3900.0, light_s=(*LIGHT_S, 1.2)))
+    assert "corrected-flats" not in found
 
 
 @pytest.mark.parametrize("cfa", [MONOCHROME, BAYER], ids=["mono", "bayer"])

@@ -294,7 +294,10 @@ def corrected_flats(evidence: Evidence) -> Iterator[Diagnostic]:
         if not levels.repeated.all() or top < 1 or levels.white_fraction[top] > 0.9:
             continue
         spread = math.sqrt(max(float(levels.spread[top]) ** 2 - float(noise[top]), 0.0))
-        if noise[top] < 0.1 * noise[:top].min() and noise[top] < 0.05 * spread**2 and spread > 1.0:
+        # Full wells, which differ too, have the noise of the readout.
+        dark = min((value.value for value in levels.dark_noise), default=math.inf)
+        still = noise[top] < 0.1 * noise[:top].min() and noise[top] < 0.5 * dark
+        if still and noise[top] < 0.05 * spread**2 and spread > 1.0:
             yield CORRECTED_FLATS(
                 f"saturated pixels have no noise, but differ by {spread:.3g} DN"
                 f"{evidence.reduction.channel_label(name, ' in channel {}')}: the flat fields were divided by a flat "
