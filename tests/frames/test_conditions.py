@@ -156,10 +156,10 @@ def test_keywords_of_the_kind(tmp_path, keyword, value, kind):
     assert [group.kind for group in ps.open_frames(tmp_path).groups] == [kind]
 
 
-@pytest.mark.parametrize(("where", "what"), [("filter", "where"), ("color=R", "where"), ("filter=U", "where filter")])
-def test_invalid_selections(tmp_path, where, what):
+@pytest.mark.parametrize(("where", "value"), [("filter", "filter"), ("color=R", "color"), ("filter=U", "filter=U")])
+def test_invalid_selections(tmp_path, where, value):
     put(tmp_path, "a", IMAGETYP="FLAT", FILTER="R")
-    with raises(InputError, what):
+    with raises(InputError, "where", value=value):
         ps.open_frames(tmp_path, where=where)
 
 
@@ -171,7 +171,7 @@ def test_selections():
 
 @pytest.mark.parametrize("where", [["filter=R", "filter=G"], "filter=R,Filter=R", {"filter": "R", "FILTER": "G"}])
 def test_a_name_is_given_once(where):
-    with raises(InputError, "where filter", expected="given once"):
+    with raises(InputError, "where", expected="each name once"):
         parse_where(where)
 
 
@@ -183,7 +183,7 @@ def test_equal_meaning_selects_the_same_frames(tmp_path, where):
         frame.save(tmp_path / f"d{binning}.png")
     assert [each.conditions["binning"] for each in open_settings(tmp_path, cfa="mono")] == ["1x1", "2x2"]
     assert ps.open_frames(tmp_path, cfa="mono", where=where).frame_count == 2
-    with raises(InputError, "where binning"):
+    with raises(InputError, "where", value="binning=2x1"):
         ps.open_frames(tmp_path, where="binning=2x1")
 
 

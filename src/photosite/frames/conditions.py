@@ -111,7 +111,7 @@ def parse_where(where: Where) -> dict[str, str]:
             hint = did_you_mean(name, (*CONDITIONS, *_OTHERS))
             raise InputError("where", value=stated, expected="the name of a condition", hint=hint)
         if name in found:
-            raise InputError(f"where {name}", value=[found[name], value], expected="given once")
+            raise InputError("where", value=f"{name}={found[name]},{name}={value}", expected="each name once")
         found[name] = _canonical(name, value)
     return found
 
@@ -129,7 +129,7 @@ def selected(frames: Sequence[T], where: Mapping[str, str]) -> list[T]:
         chosen = [f for f in frames if _same(values[id(f)], wanted)]
         if not chosen:
             known = ", ".join(dict.fromkeys(values.values()))
-            raise InputError(f"where {name}", value=wanted, expected=f"one that frames have ({known})")
+            raise InputError("where", value=f"{name}={wanted}", expected=f"a {name} that frames have ({known})")
         if name == "filter":
             kept = {id(frame) for frame in chosen}
             chosen = [f for f in frames if id(f) in kept or f.settings.kind == "dark"]

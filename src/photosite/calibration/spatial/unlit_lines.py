@@ -97,7 +97,10 @@ def find_unlit_lines(slopes: F64, tile: tuple[int, ...]) -> UnlitLines | None:
         counts += sides
         inner.append(_inner(relative, sides[0], relative.size - sides[1]))
     rows, cols = slopes.shape
-    return UnlitLines(*counts, rows, cols, *inner) if any(counts) or any(inner) else None
+    if not any(counts) and not any(inner):
+        return None
+    top, bottom, left, right = counts
+    return UnlitLines(top, bottom, left, right, rows, cols, inner_rows=inner[0], inner_cols=inner[1])
 
 
 LEAST_INNER = 4
