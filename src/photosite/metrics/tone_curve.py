@@ -66,7 +66,7 @@ class ToneCurve(Shown):
             raise InputError("tone_curve", value="chart", expected="omitted for frames that are not pictures")
         found = {}
         for channel in _CHANNELS:
-            patches = [patch for patch in gray_patches(image, chart, channel) if not patch.clipped]
+            patches = [patch for patch in gray_patches(image, chart, channel) if patch.sound]
             pairs = [(patch.mean.value, patch.luminance) for patch in patches]
             found[channel] = _increasing([pair for pair in pairs if min(pair) > 0])
         return cls(*({channel: pairs[k] for channel, pairs in found.items()} for k in (0, 1)))

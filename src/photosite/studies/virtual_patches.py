@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from photosite.develop.demosaic import demosaic
 from photosite.frames.raw_frame import RawFrame
 from photosite.metrics.chart_image import chart_image
 from photosite.metrics.charts.placed_chart import PlacedChart, placed_chart
@@ -33,15 +34,26 @@ def relative_luminances(chart: PlacedChart | None = None) -> dict[Patch, float]:
     return dict(zip(placed.patches, (light / light.max()).tolist(), strict=True))
 
 
-def patches_in_light(brightest: float, exponent: float = 1.0, ground: float = 0.01) -> Array:
-    """Return the frame of a ColorChecker whose signal is a power of the luminance, on a dark ground."""
+def patches_in_light(brightest: float, exponent: float = 1.0, ground: float = 0.01, margin: int = 0) -> Array:
+    """Return the frame of a ColorChecker whose signal is a power of the luminance, on a dark ground.
+
+    `margin` is the number of pixels by which patches are larger than what is measured of them.
+    """
     image: Array = np.full(color_checker().shape, ground * brightest)
     for patch, luminance in relative_luminances().items():
-        image[patch.r0 : patch.r1, patch.c0 : patch.c1] = brightest * luminance**exponent
+        rows, cols = (slice(a - margin, b + margin) for a, b in ((patch.r0, patch.r1), (patch.c0, patch.c1)))
+        image[rows, cols] = brightest * luminance**exponent
     return image
 
 
+def in_light(shape: tuple[int, int], down: float, across: float) -> Array:
+    """Return light that changes over a frame by fractions of that in its middle."""
+    row, col = (np.linspace(-0.5, 0.5, size) for size in shape)
+    return np.asarray(1.0 + down * row[:, None] + across * col)
+
+
 WHITE_DN = 4095
+_MARGIN = 4
 CHANNEL_LEVELS = {"M": 1.0, "R": 0.5, "G": 1.0, "B": 0.6}
 """Signals of the channels under the light of the chart, over the brightest one."""
 
@@ -53,7 +65,7 @@ def raw_patches(
     *,
     mosaic: bool = False,
     exponent: float = 1.0,
-    light: float = 1.0,
+    light: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[list[RawFrame], str]:
     """Return raw frames of a ColorChecker that a sensor takes, and their channels.
 
@@ -66,13 +78,32 @@ def raw_patches(
     exponent
         Of the signal over the luminance.
     light
-        At the bottom of the frame over that at the top.
+        Change over the frame, down and across, over that in the middle.
     """
     brightest = 0.85 * (WHITE_DN - noise.black) / noise.gain
-    mean = patches_in_light(brightest, exponent) * np.linspace(1.0, light, color_checker().shape[0])[:, None]
+    mean = patches_in_light(brightest, exponent, margin=_MARGIN) * in_light(color_checker().shape, *light)
     if mosaic:
         for r, c in np.ndindex(2, 2):
             mean[r::2, c::2] *= CHANNEL_LEVELS[RGGB[r][c]]
     cfa = RGGB if mosaic else MONOCHROME
     made = noise.frames(random, mean, count, WHITE_DN)
     return [RawFrame(dn, 12, cfa, black_level_dn=noise.black) for dn in made], "RGB" if mosaic else "M"
+
+
+def developed(frames: list[RawFrame]) -> list[Array]:
+    """Return linear pictures of mosaics by bilinear interpolation, the default of `photosite.develop`, white-balanced.
+
+    White is 1, as for the brightest channel.
+    """
+    levels = [CHANNEL_LEVELS[name] for name in "RGB"]
+    scales = [(WHITE_DN - frame.black_level_dn) * np.array(levels) for frame in frames]
+    return [
+        demosaic(frame.dn - frame.black_level_dn, RGGB) / scale for frame, scale in zip(frames, scales, strict=True)
+    ]
+
+
+BILINEAR_VARIANCE = {"R": 9 / 16, "G": 5 / 8, "B": 9 / 16}
+"""Mean over pixels of the variance of bilinear interpolation, over that of the mosaic: pixels are kept, or are means of
+two or four."""
+LUMA_WEIGHTS = 0.2126, 0.7152, 0.0722
+"""Of red, green and blue (IEC 61966-2-1)."""

@@ -48,3 +48,16 @@ def test_fine_patterns_are_not_seen_from_afar() -> None:
 def test_raw_frames_are_refused() -> None:
     with pytest.raises(InputError):
         measured(np.full(SHAPE, 100.0))
+
+
+def test_uncertainty_is_the_scatter_of_pictures_where_the_eye_blurs_over_patches() -> None:
+    """The eye shares noise over 39 pixels of patches of 60. Variances of 24 patches in 10 pictures scatter by 10 %."""
+    random = np.random.default_rng(20261129)
+    clean = picture_of(REFERENCE * [1.04, 1.0, 0.94])
+    noise = 0.01 * np.sqrt(clean.clip(0.01))
+    curves = [
+        measured(clean + noise * random.standard_normal(clean.shape), distance_mm=700.0).curves[0] for _ in range(10)
+    ]
+    scatter = np.var([curve.y for curve in curves], axis=0, ddof=1)
+    stated = np.mean([np.square(curve.standard_uncertainty) for curve in curves], axis=0)
+    assert float(np.mean(scatter / stated)) == pytest.approx(1.0, abs=0.35)

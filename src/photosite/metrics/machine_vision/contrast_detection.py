@@ -41,7 +41,7 @@ def _measure(
     curves: list[Curve] = []
     places = {patch.name: patch for patch in chart.patches}
     for channel in image.channels:
-        patches = [patch for patch in gray_patches(image, chart, channel) if patch.luminance > 0]
+        patches = [patch for patch in gray_patches(image, chart, channel) if patch.luminance > 0 and not patch.uneven]
         pairs = list(pairwise(_distinct(patches)))
         pixels = {patch.name: _sampled(image.pixels(places[patch.name], channel)) for patch in patches}
         rows = []

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,11 @@ from photosite.errors import InputError
 from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.plane_fit import without_plane
+from photosite.metrics.shared_noise import SharedNoise, inner_box
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 from photosite.values.region import Patch
 from photosite.values.shown import Shown
-from photosite.values.uncertain import Uncertain
+from photosite.values.uncertain import Uncertain, correlated
 
 Array = NDArray[np.float64]
 
@@ -52,6 +54,10 @@ class GrayPatch(Shown):
         Variance over the pixels of one frame, after a plane is fitted to them.
     clipped
         Whether more than 0.1 % of the pixels are at the white level or at 0, so that mean and noise are biased.
+    uneven
+        Whether the patch is not even inside, as a diagnostic names it.
+    light
+        Light at the patch over that at the middle of the patches.
     """
 
     name: str
@@ -61,6 +67,13 @@ class GrayPatch(Shown):
     fixed: Uncertain | None
     total: Uncertain
     clipped: bool
+    uneven: bool = False
+    light: Uncertain = field(default_factory=lambda: Uncertain(1.0))
+
+    @property
+    def sound(self) -> bool:
+        """Whether mean and noise are those of the patch: it is neither clipped nor uneven."""
+        return not (self.clipped or self.uneven)
 
 
 def gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[GrayPatch]:
@@ -79,10 +92,17 @@ def _gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[G
     if not len(xyz):
         raise InputError("chart", value=chart.name, expected="one with gray patches")
     scale = 1.0 if chart.known_light else chart.white_xyz[1]
+    gray = [chart.patches[index] for index in np.flatnonzero(chart.gray)]
+    shared = _shared_noise(image, gray, channel)
+    uneven = _relative_structure(image, chart)
+    light = _light(image, chart, channel, shared)
     found = [
-        _measured(image, patch, channel, float(y) / scale)
-        for patch, y, gray in zip(chart.patches, xyz[:, 1], chart.gray, strict=True)
-        if gray
+        replace(
+            _measured(image, patch, channel, float(y) / scale, shared),
+            uneven=uneven.get(patch.name, 0.0) > _STRUCTURE,
+            light=light(*_middle(patch)),
+        )
+        for patch, y in zip(gray, xyz[chart.gray, 1], strict=True)
     ]
     if len(found) < 2:
         raise InputError("gray patches of the chart", value=len(found), expected="two or more")
@@ -104,6 +124,54 @@ def _gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[G
         hint = "Give the chart more light"
         raise InputError("signal of the gray patches", expected="above their noise", hint=hint)
     return ordered
+
+
+def _shared_noise(image: ChartImage, patches: Sequence[Patch], channel: str) -> SharedNoise:
+    """Return how many pixels of even patches share their noise: developed pictures interpolate and filter them."""
+    if image.origin != "picture":
+        return SharedNoise()
+    return SharedNoise.of(part for patch in patches for part in image.planes(channel, inner_box(patch)))
+
+
+def _middle(patch: Patch) -> tuple[float, float]:
+    return 0.5 * (patch.r0 + patch.r1), 0.5 * (patch.c0 + patch.c1)
+
+
+def _light(
+    image: ChartImage, chart: PlacedChart, channel: str, shared: SharedNoise
+) -> Callable[[float, float], Uncertain]:
+    """Return the light at a row and column over that at the middle of the chart's patches: a plane.
+
+    It is the weighted mean of the relative slopes inside of all patches. Where they scatter by more than noise, their
+    scatter is its uncertainty (R. T. Birge, Phys. Rev. 40 (1932) 207).
+    """
+    slopes, inverses, middles = [], [], []
+    for patch in chart.patches:
+        values = image.pixels(patch, channel)
+        row, col = image.places(patch, channel)
+        middles.append(_middle(patch))
+        if values.shape[1] < _LEAST_PIXELS or _is_clipped(image, values):
+            continue
+        model = np.stack([np.ones(row.size), row - row.mean(), col - col.mean()], axis=1)
+        inverse = np.linalg.inv(model.T @ model)
+        mean_frame = values.mean(axis=0)
+        fit = inverse @ (model.T @ mean_frame)
+        variance = float(((mean_frame - model @ fit) ** 2).sum()) / (row.size - 3) * shared.of_mean
+        if fit[0] <= _LEAST_SIGMAS * math.sqrt(variance / row.size) or variance <= 1e-24 * fit[0] ** 2:
+            continue
+        slopes.append(fit[1:] / fit[0])
+        inverses.append(np.linalg.inv(variance * inverse[1:, 1:]) * fit[0] ** 2)
+    if not slopes:
+        return lambda row, col: Uncertain(1.0)
+    weight = np.array(inverses)
+    covariance = np.linalg.inv(weight.sum(axis=0))
+    mean = covariance @ np.einsum("pij,pj->i", weight, slopes)
+    apart = np.array(slopes) - mean
+    freedom = 2 * len(slopes) - 2
+    misfit = float(np.einsum("pi,pij,pj->", apart, weight, apart))
+    down, along = correlated(mean, covariance * max(misfit / max(freedom, 1), 1.0))
+    center = np.mean(middles, axis=0)
+    return lambda row, col: down * (row - center[0]) + along * (col - center[1]) + 1.0
 
 
 def _increasing(signal: Array) -> Array:
@@ -135,7 +203,7 @@ UNEVEN_PATCHES = DiagnosticKind(
     "uneven-patches",
     "warning",
     "Gray patches are not even inside: parts of them differ by more than noise and a slope explain.",
-    "Noise is too large, and means are too, where a patch holds part of its neighbor or dirt.",
+    "A patch that holds part of its neighbor or dirt has another noise and mean: it is left out of fits over patches.",
     "Give the corners of the chart; with lens distortion, photograph it smaller, in the middle of the frame.",
     ("snr_*", "dynamic_range_db", "signal_snr_10", "fixed_pattern_percent", "exponent", "signal_per_luminance",
      "saturation", "noise_40", "noise_10", "probability"),
@@ -166,29 +234,34 @@ def _measured_structure(image: ChartImage, chart: PlacedChart) -> dict[str, floa
     return {name: spread / mean for name, (mean, spread) in found.items() if mean > _BRIGHT * brightest > 0.0}
 
 
-def _measured(image: ChartImage, patch: Patch, channel: str, luminance: float) -> GrayPatch:
+def _is_clipped(image: ChartImage, values: Array) -> bool:
+    ends = float((values >= image.white - image.black).mean()), float((values <= -image.black).mean())
+    return image.origin != "electrons" and max(ends) > _CLIPPED_FRACTION
+
+
+def _measured(image: ChartImage, patch: Patch, channel: str, luminance: float, shared: SharedNoise) -> GrayPatch:
     values = image.pixels(patch, channel)
     frames, pixels = values.shape
     if pixels < _LEAST_PIXELS:
         where = f"patch '{patch.name}'"
         raise InputError(f"pixels of channel {channel}", where=where, value=pixels, expected=f"{_LEAST_PIXELS} or more")
     row, col = image.places(patch, channel)
-    freedom = pixels - 3
+    freedom = pixels - 3.0 * shared.of_mean  # a plane takes the noise at low frequencies
     flat = without_plane(values, row, col)
     mean_frame = values.mean(axis=0)
     rounding = 1e-24 * float(mean_frame.mean()) ** 2  # frames without noise have a spread above 0
     spread = float((flat.mean(axis=0) ** 2).sum()) / freedom + rounding
-    ends = float((values >= image.white - image.black).mean()), float((values <= -image.black).mean())
-    clipped = image.origin != "electrons" and max(ends) > _CLIPPED_FRACTION
-    total_variance = _variance(float((flat**2).sum()) / frames / freedom + rounding, freedom)
+    independent = freedom / shared.of_variance
+    total_variance = _variance(float((flat**2).sum()) / frames / freedom + rounding, independent)
     temporal = fixed = None
     if frames > 1:
         size = float(values.var(axis=0, ddof=1).mean())
-        temporal = _variance(size, (frames - 1) * pixels)
-        fixed = _variance(spread, freedom) - temporal / frames
-    mean = Uncertain.of(float(mean_frame.mean()), math.sqrt(spread / pixels))
+        temporal = _variance(size, (frames - 1) * pixels / shared.of_variance)
+        fixed = _variance(spread, independent) - temporal / frames
+    mean = Uncertain.of(float(mean_frame.mean()), math.sqrt(spread * shared.of_mean / pixels))
+    clipped = _is_clipped(image, values)
     return GrayPatch(patch.name, luminance, mean, temporal, fixed, total_variance, clipped)
 
 
-def _variance(value: float, freedom: int) -> Uncertain:
+def _variance(value: float, freedom: float) -> Uncertain:
     return Uncertain.of_variance(value, value * math.sqrt(2.0 / freedom))

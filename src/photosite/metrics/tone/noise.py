@@ -71,7 +71,7 @@ def _measure(
     diagnostics: list[Diagnostic] = []
     for channel in image.channels:
         patches = [replace(each, mean=each.mean - dark) for each in gray_patches(image, chart, channel)]
-        clear = [patch for patch in patches if not patch.clipped]
+        clear = [patch for patch in patches if patch.sound]
         kinds = ("temporal", "fixed", "total") if len(image.frames) > 1 else ("total",)
         for kind in kinds:
             x, y, spread = _ratios(clear, kind)

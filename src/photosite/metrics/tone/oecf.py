@@ -14,7 +14,7 @@ from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
 from photosite.metrics.tone.gray_patches import GRAY_CHARTS, GrayPatch, gray_patches
 from photosite.values.diagnostic import Diagnostic, DiagnosticKind
 from photosite.values.estimate import Estimate
-from photosite.values.uncertain import Uncertain
+from photosite.values.uncertain import Uncertain, combined, correlated
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def _measure(image: ChartImage, chart: PlacedChart) -> Result:
     curves: list[Curve] = []
     diagnostics: list[Diagnostic] = []
     for channel in image.channels:
-        patches = [patch for patch in gray_patches(image, chart, channel) if not patch.clipped]
+        patches = [patch for patch in gray_patches(image, chart, channel) if patch.sound]
         shown = [patch for patch in patches if patch.luminance > 0]
         exponent, slope = power_law(shown)
         values["signal_per_luminance", channel] = Estimate.of(slope, "")
@@ -63,7 +63,8 @@ def unit_of(image: ChartImage) -> str:
 def power_law(patches: list[GrayPatch]) -> tuple[Uncertain, Uncertain]:
     """Return exponent and factor of signal = factor luminance^exponent, by weighted least squares of the logarithms.
 
-    The uncertainty of reflectances and light, which patches scatter by beyond noise, is in the result.
+    Signals are those in the light at the middle of the patches. The uncertainty of reflectances, which patches scatter
+    by beyond noise, is in the result.
     """
     brightest = max((patch.luminance for patch in patches), default=0.0)
     used = [
@@ -74,26 +75,26 @@ def power_law(patches: list[GrayPatch]) -> tuple[Uncertain, Uncertain]:
     if len(used) < 2:
         raise InputError("gray patches above noise", value=len(used), expected="two or more")
     x = np.log([patch.luminance for patch in used])
-    y = np.log([patch.mean.value for patch in used])
+    even = [patch.mean / patch.light for patch in used]
+    logs = [signal.apply(math.log, lambda size: 1.0 / size) for signal in even]
+    y = np.array([each.value for each in logs])
     spread = np.array([patch.mean.relative for patch in used])
     floor = 0.0
     for _ in range(20):  # add the scatter of the patches until they agree with the line
         weight = 1.0 / (spread**2 + floor**2)
         middle = float(weight @ x / weight.sum())
         model = np.column_stack([x - middle, np.ones_like(x)])
-        covariance = np.linalg.inv(model.T @ (weight[:, None] * model))
-        exponent, level = covariance @ (model.T @ (weight * y))
-        residual = y - model @ (exponent, level)
+        solver = np.linalg.inv(model.T @ (weight[:, None] * model)) @ (model.T * weight)
+        residual = y - model @ (solver @ y)
         freedom = len(x) - 2
         if freedom < 1 or float(weight @ residual**2) <= freedom:
             break
         floor = math.sqrt(max(floor**2 + float(np.mean(residual**2)) * 0.5, 1e-12))
+    scatter = correlated(np.zeros(2), floor**2 * solver @ solver.T)
+    exponent, level = (combined(logs, row) + rest for row, rest in zip(solver, scatter, strict=True))
     # The factor of a proportional response, from the mean of the logarithms at the middle of the patches.
-    slope = math.exp(level - middle)
-    return (
-        Uncertain.of(float(exponent), math.sqrt(covariance[0, 0])),
-        Uncertain.of(slope, slope * math.sqrt(covariance[1, 1])),
-    )
+    slope = (level - middle).apply(math.exp, math.exp)
+    return exponent, slope
 
 
 MEASUREMENT = Measurement(

@@ -46,7 +46,7 @@ def _measure(
     white = image.white - image.black
     values: dict[tuple[str, str], Estimate] = {}
     for channel in image.channels:
-        patches = [patch for patch in gray_patches(image, chart, channel) if not patch.clipped]
+        patches = [patch for patch in gray_patches(image, chart, channel) if patch.sound]
         slope = power_law(patches)[1] / per_luminance  # signal per lx s
         model = NoiseModel.of(patches, several=len(image.frames) > 1)
         found: dict[str, Value] = {}

@@ -16,9 +16,9 @@ from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.color.color_accuracy import clipped_gray, matched_exposure
 from photosite.metrics.color.patch_colors import patch_colors
 from photosite.metrics.measurement import Curve, FieldMap, Measurement, Quantity, Result
-from photosite.metrics.visual.scielab import kernel_size, seen_xyz
+from photosite.metrics.shared_noise import inner_box, low_lines
+from photosite.metrics.visual.scielab import OPPONENT_FROM_XYZ, kernel_size, scielab_kernels, seen_xyz
 from photosite.metrics.visual.viewing import DISTANCE_MM, PITCH_MM, pixels_per_degree
-from photosite.metrics.visual.visual_noise import inner_box, mean_of_map
 from photosite.values.estimate import Estimate
 from photosite.values.region import Patch, Region
 from photosite.values.uncertain import Uncertain, combined
@@ -31,6 +31,8 @@ _LEAST_SIDE, _MOST_SIDE = 16, 256
 _BLOCKS, _SAMPLES = 4, 12
 """Blocks along a side of a patch, and pixels along that of a block, of which percentiles are taken."""
 _DRAWS, _SEED = 200, 1996
+_STEP = 1e-6
+"""Change of an opponent color, white having about 1, for derivatives."""
 _MAP_SIDE = 200
 """Most pixels along a side of the map of differences."""
 
@@ -51,10 +53,20 @@ def _measure(
     view = _View(image, chart, exposure, pixels_per_degree(pitch_mm, distance_mm))
     boxes = [_judged(patch) for patch in chart.patches]
     pairs = [view.seen(box) for box in boxes]
-    flat = delta_e_2000(*(np.concatenate([each.reshape(-1, 3) for each in one]) for one in zip(*pairs, strict=True)))
+    noises = [view.noise(box) for box in boxes]
+    shown, chart_xyz = (np.concatenate([each.reshape(-1, 3) for each in one]) for one in zip(*pairs, strict=True))
     ends = np.cumsum([box.shape[0] * box.shape[1] for box in boxes])[:-1]
-    maps = [part.reshape(box.shape) for part, box in zip(np.split(flat, ends), boxes, strict=True)]
-    means = [mean_of_map(each) for each in maps]
+
+    def by_patch(values: Array) -> list[Array]:
+        return [part.reshape(*box.shape, -1) for part, box in zip(np.split(values, ends), boxes, strict=True)]
+
+    difference = delta_e_2000(shown, chart_xyz)
+    maps = [each[..., 0] for each in by_patch(difference)]
+    slopes = by_patch(_slopes(shown, chart_xyz, difference))
+    means = [
+        Uncertain.of(float(each.mean()), view.uncertainty(slope, noise))
+        for each, slope, noise in zip(maps, slopes, noises, strict=True)
+    ]
     values = {
         "mean": combined(means, [1.0 / len(means)] * len(means)),
         "percentile_95": _percentile(maps, 95.0),
@@ -77,6 +89,29 @@ class _View:
     exposure: float
     per_degree: float
 
+    def noise(self, box: Region) -> Array:
+        """Return the (3, 3) covariance of the mean over a box, times its pixels, of opponent colors before the blur.
+
+        It is the cross spectrum at low frequencies, where noise that pixels share with near neighbors has an even one.
+        That of the seen image falls there, because the blur of the eye is about as wide as a patch.
+        """
+        part = self.image.frames[0][box.r0 : box.r1, box.c0 : box.c1] @ XYZ_FROM_SRGB.T / self.exposure
+        low = low_lines(np.moveaxis(part @ OPPONENT_FROM_XYZ.T, -1, 0))
+        return np.asarray(np.real(low @ np.conj(low).T) / (low.shape[1] * box.shape[0] * box.shape[1]))
+
+    def uncertainty(self, slope: Array, noise: Array) -> float:
+        """Return the standard uncertainty of a mean of differences, of which `slope` holds (rows, cols, 3) derivatives.
+
+        A pixel changes the mean by the derivatives of all pixels into which the eye blurs it. For normal noise the
+        variance of the sum of these changes is that of the mean if differences are linear in the noise, and at least
+        that otherwise (L. H. Y. Chen, J. Multivar. Anal. 12 (1982) 306).
+        """
+        from scipy.signal import fftconvolve
+
+        kernels = scielab_kernels(self.per_degree)
+        changes = np.array([fftconvolve(slope[..., k], kernel).ravel() for k, kernel in enumerate(kernels)])
+        return float(np.sqrt(np.sum(noise * (changes @ changes.T)))) / (slope.shape[0] * slope.shape[1])
+
     def seen(self, box: Region) -> tuple[Array, Array]:
         """Return the (rows, cols, 3) XYZ of image and chart in a box as the eye blurs them with what surrounds it."""
         reach = kernel_size(self.per_degree) // 2
@@ -96,6 +131,12 @@ class _View:
         inside = slice(box.r0 - r0, box.r1 - r0), slice(box.c0 - c0, box.c1 - c0)
         one, other = (seen_xyz(each, self.per_degree)[inside] for each in (shown, reference))
         return one, other
+
+
+def _slopes(shown: Array, chart_xyz: Array, difference: Array) -> Array:
+    """Return the (pixels, 3) derivatives of differences by the opponent colors of what is shown."""
+    steps = _STEP * np.linalg.inv(OPPONENT_FROM_XYZ).T
+    return np.stack([(delta_e_2000(shown + step, chart_xyz) - difference) / _STEP for step in steps], axis=-1)
 
 
 def _judged(patch: Patch) -> Region:

@@ -16,6 +16,7 @@ from photosite.metrics.chart_image import ChartImage
 from photosite.metrics.charts.placed_chart import PlacedChart
 from photosite.metrics.measurement import Curve, Measurement, Quantity, Result
 from photosite.metrics.plane_fit import without_plane
+from photosite.metrics.shared_noise import inner_box
 from photosite.metrics.tone.gray_patches import GRAY_CHARTS, check_structure
 from photosite.metrics.visual.scielab import scielab_differences
 from photosite.metrics.visual.viewing import (
@@ -27,7 +28,7 @@ from photosite.metrics.visual.viewing import (
 )
 from photosite.values.diagnostic import DiagnosticKind
 from photosite.values.estimate import Estimate
-from photosite.values.region import Patch, Region
+from photosite.values.region import Region
 from photosite.values.uncertain import Missing, Uncertain, Value, correlated
 
 Array = NDArray[np.float64]
@@ -97,17 +98,6 @@ def _measure(
 
 
 _CURVES = {"visual_noise_2013": "ISO 15739:2013", "sigma_lightness": "L*", "sigma_a": "a*", "sigma_b": "b*"}
-
-
-def inner_box(patch: Patch) -> Region:
-    """Return the largest rectangle of a patch's proportions around its center that is inside of it."""
-    inside = patch.inside()
-    rows, cols = inside.shape
-    for share in np.linspace(1.0, 0.3, 36):
-        r, c = int(rows * (1 - share) / 2), int(cols * (1 - share) / 2)
-        if inside[r : rows - r, c : cols - c].all():
-            return Region(patch.name, patch.r0 + r, patch.r1 - r, patch.c0 + c, patch.c1 - c)
-    raise InputError("shape", where=f"patch '{patch.name}'", expected="with a rectangle inside")
 
 
 def _pixels(image: ChartImage, box: Region) -> Array:

@@ -8,15 +8,25 @@ import numpy as np
 
 from photosite.studies.measurement_study import HiddenChart, MeasurementStudy
 from photosite.studies.virtual_charts import VirtualNoise, virtual_noise
-from photosite.studies.virtual_patches import WHITE_DN, raw_patches
+from photosite.studies.virtual_patches import (
+    BILINEAR_VARIANCE,
+    CHANNEL_LEVELS,
+    LUMA_WEIGHTS,
+    WHITE_DN,
+    developed,
+    raw_patches,
+)
 
 _FRAMES = 6
 
 
 def truth_of(noise: VirtualNoise) -> dict[str, float]:
     """Return the closed forms of a sensor."""
-    white = WHITE_DN - noise.black
-    floor, slope, prnu2, dsnu2 = noise.temporal_floor, noise.gain, noise.prnu**2, (noise.gain * noise.dsnu) ** 2
+    dsnu2 = (noise.gain * noise.dsnu) ** 2
+    return _closed_forms(WHITE_DN - noise.black, noise.temporal_floor, noise.gain, noise.prnu**2, dsnu2)
+
+
+def _closed_forms(white: float, floor: float, slope: float, prnu2: float, dsnu2: float) -> dict[str, float]:
     darkest = (slope + math.sqrt(slope**2 + 4 * floor)) / 2
     rest = 1 - 100 * prnu2
     ten = (100 * slope + math.sqrt((100 * slope) ** 2 + 400 * rest * (floor + dsnu2))) / (2 * rest)
@@ -29,20 +39,40 @@ def truth_of(noise: VirtualNoise) -> dict[str, float]:
     return ratios | {
         "snr_13_fixed_db": -10 * math.log10(dsnu2 / (0.13 * white) ** 2 + prnu2),
         "dynamic_range_db": 20 * math.log10(white / darkest),
-        "fixed_pattern_percent": 100 * noise.prnu,
+        "fixed_pattern_percent": 100 * math.sqrt(prnu2),
         "signal_snr_10": ten,
+    }
+
+
+def truth_of_picture(noise: VirtualNoise) -> dict[tuple[str, str], float]:
+    """Return the closed forms of pictures that were developed from a sensor's mosaics."""
+    budgets = {}
+    for channel, part in BILINEAR_VARIANCE.items():
+        full = CHANNEL_LEVELS[channel] * (WHITE_DN - noise.black)
+        floor, dsnu2 = noise.temporal_floor / full**2, (noise.gain * noise.dsnu / full) ** 2
+        budgets[channel] = part * np.array([floor, noise.gain / full, noise.prnu**2, dsnu2])
+    budgets["Y"] = sum(weight**2 * budgets[channel] for channel, weight in zip("RGB", LUMA_WEIGHTS, strict=True))
+    return {
+        (name, channel): value
+        for channel, budget in budgets.items()
+        for name, value in _closed_forms(1.0, *budget).items()
     }
 
 
 def _draw(random: np.random.Generator, number: int) -> HiddenChart:
     noise = virtual_noise(random)
-    light = 1.0 + random.uniform(-0.1, 0.1) * (number % 2)
-    frames, channels = raw_patches(noise, random, _FRAMES, mosaic=number % 4 >= 2, light=light)
+    light = random.uniform(-0.1, 0.1) * (number % 2), 0.0
+    picture = number % 8 >= 5
+    frames, channels = raw_patches(noise, random, _FRAMES, mosaic=number % 4 >= 2 or picture, light=light)
+    if picture:
+        return HiddenChart(developed(frames), "macbeth", truth_of_picture(noise))
     values = truth_of(noise)
     truth = {(name, channel): value for name, value in values.items() for channel in channels}
     return HiddenChart(frames, "macbeth", truth)
 
 
 STUDY = MeasurementStudy(
-    _draw, "gains of 0.25 to 2 DN/e-, read noise 1 to 30 e-, DSNU, PRNU 0.2 to 1.5 %, uneven light, mosaics, 6 frames"
+    _draw,
+    "gains of 0.25 to 2 DN/e-, read noise 1 to 30 e-, DSNU, PRNU 0.2 to 1.5 %, uneven light, mosaics, developed "
+    "pictures, 6 frames",
 )
