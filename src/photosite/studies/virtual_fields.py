@@ -16,6 +16,7 @@ class VirtualField:
 
     electrons: Array
     falloff: dict[str, Array]
+    level: dict[str, float]
 
     def relative(self, channel: str, row: Array, col: Array) -> Array:
         """Return the light of a channel at rows and columns, relative to the middle of the frame."""
@@ -31,12 +32,12 @@ def virtual_field(random: np.random.Generator, *, even: bool = False) -> Virtual
     rows, cols = 180, 240
     common = np.array([random.uniform(0, 0.4), random.uniform(0, 0.2), *random.uniform(-0.1, 0.1, 2)])
     falloff = {name: (common + random.normal(0, 0.02, 4)) * (not even) for name in "RGB"}
-    field = VirtualField(np.empty((rows, cols)), falloff)
     bright = 10 ** random.uniform(2.7, 4.2)
+    field = VirtualField(np.empty((rows, cols)), falloff, {"R": 0.5 * bright, "G": bright, "B": 0.6 * bright})
     prnu = random.normal(1.0, random.uniform(0.002, 0.01), (rows, cols))
-    for r, c, name, level in ((0, 0, "R", 0.5), (0, 1, "G", 1.0), (1, 0, "G", 1.0), (1, 1, "B", 0.6)):
+    for r, c, name in ((0, 0, "R"), (0, 1, "G"), (1, 0, "G"), (1, 1, "B")):
         y, x = np.arange(rows, dtype=np.float64) + 0.5, np.arange(cols, dtype=np.float64) + 0.5
-        mean = level * bright * field.relative(name, y[r::2], x[c::2]) * prnu[r::2, c::2]
+        mean = field.level[name] * field.relative(name, y[r::2], x[c::2]) * prnu[r::2, c::2]
         field.electrons[r::2, c::2] = random.poisson(mean) + random.normal(0.0, 4.0, mean.shape)
     return field
 

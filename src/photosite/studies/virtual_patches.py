@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
@@ -105,5 +106,20 @@ def developed(frames: list[RawFrame]) -> list[Array]:
 BILINEAR_VARIANCE = {"R": 9 / 16, "G": 5 / 8, "B": 9 / 16}
 """Mean over pixels of the variance of bilinear interpolation, over that of the mosaic: pixels are kept, or are means of
 two or four."""
+
+
+def picture_budgets(mosaic: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the variances of `developed` pictures and of their luma, from those of the channels of the mosaic.
+
+    A budget is (floor, slope, pattern): the variance without signal, and its parts over the signal and its square.
+    """
+    found = {}
+    for channel, part in BILINEAR_VARIANCE.items():
+        level, budget = CHANNEL_LEVELS[channel], mosaic[channel]
+        found[channel] = part * budget / np.array([level**2, level, 1.0])
+    found["Y"] = np.sum([weight**2 * found[name] for name, weight in zip("RGB", LUMA_WEIGHTS, strict=True)], axis=0)
+    return found
+
+
 LUMA_WEIGHTS = 0.2126, 0.7152, 0.0722
 """Of red, green and blue (IEC 61966-2-1)."""

@@ -20,8 +20,9 @@ Array = NDArray[np.float64]
 
 _PARTS = 4
 """Parts of a cell along each axis, whose scatter gives the uncertainty of its mean. Noise may be correlated in them."""
-_LEAST_TILES = 2
-"""Tiles of the color filter array along each axis of a part."""
+_LEAST_TILES, _LEAST_PIXELS, _BORDER = 2, 8, 2
+"""Along each axis of a part: tiles of the color filter array, or pixels of a picture; and pixels at each side of such a
+part that are left out, because interpolation makes them alike with those of the next part."""
 _FREEDOM = _PARTS**2 - 3
 _CLIPPED_FRACTION = 1e-3
 _DEGREES = (4, 6, 8, 10)
@@ -149,8 +150,11 @@ def field_cells(image: ChartImage, region: Region, channel: str, across: int) ->
     height, width = len(tile), len(tile[0])
     tiles = region.shape[0] // height, region.shape[1] // width
     plane = image.plane(channel, region)[0]
-    counts = _cell_counts(tiles, across)
+    picture = image.origin == "picture"
+    border = _BORDER if picture else 0
+    counts = _cell_counts(tiles, across, _LEAST_PIXELS if picture else _LEAST_TILES)
     edges = [np.linspace(0, n, _PARTS * count + 1).astype(int) for n, count in zip(tiles, counts, strict=True)]
+    ends = [np.stack([edge[:-1] + border, edge[1:] - border], axis=1) for edge in edges]
     parts: Array = np.zeros((edges[0].size - 1, edges[1].size - 1))
     clipped = empty = 0.0
     sites = channel_sites(tile, channel)
@@ -158,8 +162,10 @@ def field_cells(image: ChartImage, region: Region, channel: str, across: int) ->
         site = plane[r : tiles[0] * height : height, c : tiles[1] * width : width]
         clipped += float((site >= image.white - image.black).mean()) / len(sites)
         empty += float((site <= -image.black).mean()) / len(sites)
-        sums = np.add.reduceat(np.add.reduceat(site, edges[0][:-1], axis=0), edges[1][:-1], axis=1)
-        parts += sums / np.outer(np.diff(edges[0]), np.diff(edges[1])) / len(sites)
+        used = site[: ends[0][-1, 1], : ends[1][-1, 1]]
+        down, along = (each.ravel()[:-1] for each in ends)
+        sums = np.add.reduceat(np.add.reduceat(used, down, axis=0)[::2], along, axis=1)[:, ::2]
+        parts += sums / np.outer(*(np.diff(each, axis=1) for each in ends)) / len(sites)
     if clipped > _CLIPPED_FRACTION:
         hint = "Use a shorter exposure"
         raise InputError(f"fraction of saturated {channel} pixels", value=clipped, expected="at most 0.001", hint=hint)
@@ -183,10 +189,11 @@ def _part_centers(edges: NDArray[np.int_]) -> Array:
     return np.asarray(((edges[:-1] + edges[1:]) / 2).reshape(-1, _PARTS).mean(axis=1))
 
 
-def _cell_counts(tiles: tuple[int, int], across: int) -> tuple[int, int]:
-    most = [n // (_PARTS * _LEAST_TILES) for n in tiles]
+def _cell_counts(tiles: tuple[int, int], across: int, least: int) -> tuple[int, int]:
+    most = [n // (_PARTS * least) for n in tiles]
     longer = min(across, max(most))
     down, along = (min(round(longer * n / max(tiles)), limit) for n, limit in zip(tiles, most, strict=True))
     if min(down, along) < 3:
-        raise InputError("tiles of the color filters in the field", value=tiles, expected="24 or more along each axis")
+        expected = f"{3 * _PARTS * least} or more along each axis"
+        raise InputError("tiles of the color filters, or pixels of a picture", value=tiles, expected=expected)
     return down - 1 + down % 2, along - 1 + along % 2

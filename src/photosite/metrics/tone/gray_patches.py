@@ -95,12 +95,12 @@ def _gray_patches(image: ChartImage, chart: PlacedChart, channel: str) -> list[G
     gray = [chart.patches[index] for index in np.flatnonzero(chart.gray)]
     shared = _shared_noise(image, gray, channel)
     uneven = _relative_structure(image, chart)
-    light = _light(image, chart, channel, shared)
+    light_at = _light(image, chart, channel, shared)
     found = [
         replace(
             _measured(image, patch, channel, float(y) / scale, shared),
             uneven=uneven.get(patch.name, 0.0) > _STRUCTURE,
-            light=light(*_middle(patch)),
+            light=light_at(*_middle(patch)),
         )
         for patch, y in zip(gray, xyz[chart.gray, 1], strict=True)
     ]

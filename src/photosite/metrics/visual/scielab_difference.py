@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -110,7 +111,7 @@ class _View:
 
         kernels = scielab_kernels(self.per_degree)
         changes = np.array([fftconvolve(slope[..., k], kernel).ravel() for k, kernel in enumerate(kernels)])
-        return float(np.sqrt(np.sum(noise * (changes @ changes.T)))) / (slope.shape[0] * slope.shape[1])
+        return math.sqrt(float(np.sum(noise * (changes @ changes.T)))) / slope[..., 0].size
 
     def seen(self, box: Region) -> tuple[Array, Array]:
         """Return the (rows, cols, 3) XYZ of image and chart in a box as the eye blurs them with what surrounds it."""

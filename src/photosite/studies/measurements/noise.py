@@ -8,14 +8,7 @@ import numpy as np
 
 from photosite.studies.measurement_study import HiddenChart, MeasurementStudy
 from photosite.studies.virtual_charts import VirtualNoise, virtual_noise
-from photosite.studies.virtual_patches import (
-    BILINEAR_VARIANCE,
-    CHANNEL_LEVELS,
-    LUMA_WEIGHTS,
-    WHITE_DN,
-    developed,
-    raw_patches,
-)
+from photosite.studies.virtual_patches import WHITE_DN, developed, picture_budgets, raw_patches
 
 _FRAMES = 6
 
@@ -46,17 +39,18 @@ def _closed_forms(white: float, floor: float, slope: float, prnu2: float, dsnu2:
 
 def truth_of_picture(noise: VirtualNoise) -> dict[tuple[str, str], float]:
     """Return the closed forms of pictures that were developed from a sensor's mosaics."""
-    budgets = {}
-    for channel, part in BILINEAR_VARIANCE.items():
-        full = CHANNEL_LEVELS[channel] * (WHITE_DN - noise.black)
-        floor, dsnu2 = noise.temporal_floor / full**2, (noise.gain * noise.dsnu / full) ** 2
-        budgets[channel] = part * np.array([floor, noise.gain / full, noise.prnu**2, dsnu2])
-    budgets["Y"] = sum(weight**2 * budgets[channel] for channel, weight in zip("RGB", LUMA_WEIGHTS, strict=True))
-    return {
-        (name, channel): value
-        for channel, budget in budgets.items()
-        for name, value in _closed_forms(1.0, *budget).items()
+    full = WHITE_DN - noise.black
+    floor, dsnu2 = noise.temporal_floor / full**2, (noise.gain * noise.dsnu / full) ** 2
+    # Fixed pattern and temporal noise each have a part without signal, and one that grows with it.
+    temporal, fixed = (
+        picture_budgets(dict.fromkeys("RGB", np.array(each)))
+        for each in ((floor, noise.gain / full, 0.0), (dsnu2, 0.0, noise.prnu**2))
+    )
+    values = {
+        channel: _closed_forms(1.0, temporal[channel][0], temporal[channel][1], fixed[channel][2], fixed[channel][0])
+        for channel in temporal
     }
+    return {(name, channel): value for channel, each in values.items() for name, value in each.items()}
 
 
 def _draw(random: np.random.Generator, number: int) -> HiddenChart:
