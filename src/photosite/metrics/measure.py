@@ -121,7 +121,7 @@ class ImageQuality(Tabular, Diagnosed, Reported):
             if isinstance(found, Result):
                 rows += [(name, *row) for row in found.rows()]
             else:
-                rows.append((name, "", "", f"missing: {found.reason}", None, None, ""))
+                rows.append((name, "", "", None, None, None, "", found.reason))
         return ResultTable(f"Image quality of {self.chart.name}", ("measurement", *COLUMNS), rows)
 
 

@@ -212,13 +212,12 @@ class Result(Tabular, Diagnosed):
         }
 
     def rows(self) -> list[tuple[Cell, ...]]:
-        """Return the rows of the table: label, part, value, the ends of the 95 % interval, unit."""
+        """Return the rows of the table: label, part, value, the ends of the 95 % interval, unit, reason without one."""
         rows: list[tuple[Cell, ...]] = []
         for (name, part), estimate in self.values.items():
             quantity = self.quantity(name)
             low, high = estimate.interval_95 or (None, None)
-            shown = estimate.shown_value if estimate.reason is None else f"missing: {estimate.reason}"
-            rows.append((quantity.label, part, shown, low, high, quantity.unit))
+            rows.append((quantity.label, part, estimate.shown_value, low, high, quantity.unit, estimate.reason))
         return rows
 
     def _table(self) -> ResultTable:
@@ -226,7 +225,7 @@ class Result(Tabular, Diagnosed):
         return ResultTable(title, COLUMNS, self.rows())
 
 
-COLUMNS = ("quantity", "part", "value", "lower 95 %", "upper 95 %", "unit")
+COLUMNS = ("quantity", "part", "value", "lower 95 %", "upper 95 %", "unit", "missing because")
 
 
 @dataclass(frozen=True)

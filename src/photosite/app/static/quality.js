@@ -70,9 +70,8 @@ export async function show(content, run = true) {
 }
 
 function draw(root, { chart, missing, sections }) {
-  const row = ([quantity, part, value, low, high, unit]) => {
-    const number = (each) => (typeof each === "number" ? short(each) : each ?? "–");
-    return [quantity, part || "–", number(value), low === null ? "–" : `${short(low)} to ${short(high)}`, unit];
+  const row = ([quantity, part, value, low, high, unit, reason]) => {
+    return [quantity, part || "–", value === null ? `missing: ${reason}` : short(value), low === null ? "–" : `${short(low)} to ${short(high)}`, unit];
   };
   root.replaceChildren(
     ...missing.map(([name, reason]) => element("p", { class: "hint" }, `${name}: not measured. ${reason}`)),

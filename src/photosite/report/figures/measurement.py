@@ -140,11 +140,22 @@ def small_figure(result: Result, channel: str) -> Figure | None:
         _curve_figure(curves, (figure, axes), small=True)
         if axes.get_yscale() == "linear" and (shown := _certain(curves)) is not None:
             axes.set_ylim(*shown)
+            _cut(axes, *shown)
     else:
         return None
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
         axis.set_label_text(fill(axis.get_label_text(), _LABEL))
     return figure
+
+
+def _cut(axes: Axes, low: float, high: float) -> None:
+    """Cut lines and bands at the limits of the axis: fpdf2 does not clip drawings."""
+    for line in axes.get_lines():
+        y = np.asarray(line.get_ydata(), dtype=np.float64)
+        line.set_ydata(np.where((y < low) | (y > high), np.nan, y))
+    for band in axes.collections:
+        for path in band.get_paths():
+            path.vertices[:, 1] = np.clip(path.vertices[:, 1], low, high)  # type: ignore[index]
 
 
 def _certain(curves: list[Curve]) -> tuple[float, float] | None:
