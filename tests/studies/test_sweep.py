@@ -19,6 +19,7 @@ from worker_tasks import noted, noted_sweep
 import photosite as ps
 from photosite.errors import FileError, InputError
 from photosite.studies.gray_surface import electron_rates, total_variance_e2
+from photosite.studies.sweep import Sweep
 
 SENSOR = ps.load_sensor("vendor-2.2um").with_(rows=8, cols=8)
 CAMERA = ps.Camera(ps.DiffractionLimited(f_number=2.8, focal_length_mm=4), SENSOR)
@@ -152,6 +153,8 @@ def test_plot_has_a_line_for_each_other_field() -> None:
     axes = table.plot("pixel_width_um", "snr_db")
     assert [line.get_label() for line in axes.get_lines()] == ["f_number 2", "f_number 4", "f_number 8"]
     np.testing.assert_allclose(axes.get_lines()[1].get_ydata(), table["snr_db"][1::3])
+    missing = Sweep(("f_number",), ("snr_db", "gain"), ((2.0, 30.0, math.nan), (4.0, 24.0, math.nan)))
+    assert missing.plot().get_ylabel() == "snr_db"
     pyplot.close("all")
     with pytest.raises(InputError) as caught:
         table.plot("pixel_width")

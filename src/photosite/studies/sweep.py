@@ -116,7 +116,8 @@ class Sweep(Tabular):
         Parameters
         ----------
         x, y
-            Names of a field and of a measured column; by default the first field and the last measured value.
+            Names of a field and of a measured column; by default the first field and the last measured value that any
+            camera has.
         ax
             Matplotlib axes; None makes new ones.
 
@@ -127,7 +128,8 @@ class Sweep(Tabular):
         """
         from photosite.report.plots import plot_lines
 
-        x, y = x or self.fields[0], y or self.values[-1]
+        shown = [name for name in self.values if np.isfinite(self[name]).any()] or self.values
+        x, y = x or self.fields[0], y or shown[-1]
         for axis, name, names in (("x", x, self.fields), ("y", y, self.measured)):
             if name not in names:
                 raise InputError(axis, value=name, expected=f"one of {', '.join(names)}")

@@ -100,7 +100,10 @@ const named = (name) => {
   return known.unit ? `${known.label} (${known.unit})` : known.label;
 };
 
-function draw(y = result.measured[result.measured.length - 1], shape = result.fields.length === 2 ? "map" : "curves") {
+// The last measured column that has values.
+const lastShown = () => result.measured.findLast((name) => result.columns[name].some((each) => each !== null)) ?? result.measured.at(-1);
+
+function draw(y = lastShown(), shape = result.fields.length === 2 ? "map" : "curves") {
   const root = document.getElementById("sweep-results"), { columns, fields: varied, measured } = result;
   const ends = (name, k) => [columns[`low(${name})`]?.[k] ?? NaN, columns[`high(${name})`]?.[k] ?? NaN];
   const list = element("select", { onchange: () => draw(list.value, kind.value) }, ...measured.map((name) => element("option", { value: name }, named(name))));
