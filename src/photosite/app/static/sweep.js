@@ -131,7 +131,7 @@ function draw(y = lastShown(), shape = result.fields.length === 2 ? "map" : "cur
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   };
   card.append(element("div", { class: "toolbar" }, element("label", {}, "Show ", list), ...(varied.length === 2 ? [element("label", {}, "as ", kind)] : []),
-    element("button", { type: "button", onclick: () => save([names.join(","), ...columns[varied[0]].map((_, k) => names.map((name) => columns[name][k] ?? "").join(","))].join("\n") + "\n", "text/csv", "sweep.csv") }, "Save CSV"),
+    element("button", { type: "button", onclick: () => save([names.map((name) => (name.includes(",") ? `"${name}"` : name)).join(","), ...columns[varied[0]].map((_, k) => names.map((name) => columns[name][k] ?? "").join(","))].join("\n") + "\n", "text/csv", "sweep.csv") }, "Save CSV"),
     element("button", { type: "button", onclick: () => save(Uint8Array.from(atob(result.png), (c) => c.charCodeAt(0)), "image/png", "sweep.png") }, "Save PNG")), drawn);
   root.replaceChildren(card, element("details", { class: "card" }, element("summary", {}, `Table of ${rows.length} cameras`),
     element("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "Table of the sweep" }, table(result.labels[measured[0]] ? "All combinations, with 95 % intervals." : "All combinations.", shown.map(named), rows))),
