@@ -114,9 +114,10 @@ def test_the_smallest_size_is_bisected(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_study_counts_clean_stacks() -> None:
-    found = detection_study(stacks=1, clean=1, kinds=(KIND["clean"], KIND["digital gain"]))
+    found = detection_study(stacks=1, clean=1, kinds=(KIND["clean"], KIND["digital gain"], KIND["hot pixels"]))
     assert (found["clean_stacks"], found["alarms"]) == (1, {})
     assert [entry["found"] for entry in found["smallest"]["digital-gain"]] == [1]
+    assert [entry["found"] for entry in found["smallest"]["defective-pixels"]] == [1]
 
 
 def test_entries_of_diagnostics_have_what_the_study_found() -> None:
