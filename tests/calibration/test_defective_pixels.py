@@ -19,7 +19,7 @@ from photosite.calibration.reduction.frame_reader import FrameReader
 from photosite.calibration.reduction.groups import GroupStatistics, Level
 from photosite.calibration.reduction.reduce import reduce_frames
 from photosite.calibration.setting import reduced
-from photosite.engine.frame_sums import FrameSums
+from photosite.engine.frame_sums import FrameSums, PixelVariances
 from photosite.frames.frame_set import FrameSet
 from photosite.frames.repaired_frames import PixelReplacement, repaired
 from photosite.report.effect import effect_figures
@@ -333,7 +333,7 @@ def test_uneven_light_is_no_noise_of_pixels() -> None:
     entry = GroupStatistics(frames.groups[0], tuple(map(Level.of, sums.label_totals())))
     found.add(entry, sums, sums.label_totals())
     assert not found.noisy_flats([entry])
-    assert not found.add_noise(sums)
+    assert not found.add_noise(PixelVariances(sums.variance(), 1.0), sums.count)
 
 
 def survey(dark: np.ndarray, tile: tuple[int, int] = (1, 1)) -> int:
@@ -343,7 +343,7 @@ def survey(dark: np.ndarray, tile: tuple[int, int] = (1, 1)) -> int:
     statistics = GroupStatistics(frames.groups[0], tuple(map(Level.of, sums.label_totals())))
     found = PixelSurvey(frames, np.zeros(tile, np.int64))
     found.add(statistics, sums, sums.label_totals())
-    found.add_noise(sums)
+    found.add_noise(PixelVariances(sums.variance(), 1.0), sums.count)
     index = found.found()
     return 0 if index is None else len(index)
 

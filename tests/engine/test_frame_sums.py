@@ -227,6 +227,21 @@ def test_totals_of_frames_in_files_are_exact_up_to_full_scale(tmp_path, tile, co
     assert found.label_totals() == expected.label_totals()
 
 
+@pytest.mark.parametrize(("count", "top", "cols"), [(2, 4095, 64), (12, 4095, 4100), (12, 4095, 63), (12, 40_000, 64)])
+def test_variances_of_frames_in_files_are_exact(tmp_path, count, top, cols):
+    """Whole numerators where sums have 16 bits, with the variances of the plain sums bit by bit; else none."""
+    frames = stack(n=count, shape=(37, cols), top=top + 1)
+    frames[:, 3, 2] = np.array([0, top])[np.arange(count) % 2]
+    sums = FrameSums((37, cols), BAYER)
+    numerators = sums.numerators(stored(tmp_path, frames), int(frames.max()))
+    if cols % 2 or count * int(frames.max()) >= 1 << 16:
+        assert numerators is None
+    else:
+        expected = FrameSums((37, cols)).add(frames).variance()
+        assert np.array_equal(numerators / (count * (count - 1.0)), expected)
+    assert sums.numerators(list(frames), top) is None
+
+
 def test_sums_have_16_bits_where_the_numbers_that_are_expected_fit(tmp_path):
     frames = stack(n=4, shape=(20, 64), top=16_000)
     found = FrameSums((20, 64)).add_last(stored(tmp_path, frames), full_scale=int(frames.max()))

@@ -48,6 +48,8 @@ _TOGETHER = 8
 _NARROW = 23_170
 """The largest number for which eight squares sum to less than 2^32."""
 
+_NO_NUMERATORS = np.zeros((0, 0), np.uint32)
+
 # Unsigned: numba tests whether a signed index counts from the end, which prevents vectorization.
 _TWO = np.uint64(2)
 _BLOCK, _LINE = np.uint64(64), np.uint64(16)  # pairs of pixels: per prefetch block, per cache line
@@ -176,6 +178,13 @@ class MeanFrame(LazyMap):
         part = self.sum[site[0] :: self.labels.shape[0], site[1] :: self.labels.shape[1]][: shape[0], : shape[1]]
         dtype = np.uint16 if int(part.max(initial=0)) < 1 << 16 else np.uint32
         return MeanFrame(part.astype(dtype), self.count, self.labels[site[0] :, site[1] :][:1, :1])
+
+
+class PixelVariances(NamedTuple):
+    """The variance of each pixel: whole numbers over a divisor where that is faster, else floating point over 1."""
+
+    values: NDArray[np.uint32] | F64
+    divisor: float
 
 
 class FrameRows(Protocol):
@@ -364,13 +373,33 @@ class FrameSums:
         self._add_batch(last, self.white if full_scale is None else full_scale, last=True)
         return self
 
+    def numerators(self, frames: Sequence[Frame], full_scale: int) -> NDArray[np.uint32] | None:
+        """Return (rows, cols) n (n - 1) times the variance of each pixel over the n frames of a stack, which is exact.
+
+        `sum` is overwritten. None unless all frames are in files and few enough for sums of 16 bits: `variance` of
+        frames that are added takes three times as long.
+
+        Raises `ValueError` as `add` does.
+        """
+        if any(isinstance(frame, np.ndarray) for frame in frames) or not frames:
+            return None
+        out = np.empty(self.shape, np.uint32)
+        return out if self.clear()._add_batch(frames, full_scale, last=True, numerators=out) else None
+
     def _widen(self) -> None:
         """Replace a sum of 16 bits, whose content is lost, or one that a mean frame has taken over."""
         if self._sum is None or self._sum.dtype != np.uint32 or self._taken:
             self.sum = self.sum.astype(np.uint32) if self.count else np.empty(self.shape, np.uint32)
 
-    def _add_batch(self, frames: Sequence[Frame], full_scale: int, *, last: bool = False) -> None:
-        """Add frames that are all in memory, or all in files."""
+    def _add_batch(
+        self,
+        frames: Sequence[Frame],
+        full_scale: int,
+        *,
+        last: bool = False,
+        numerators: NDArray[np.uint32] = _NO_NUMERATORS,
+    ) -> bool:
+        """Add frames that are all in memory, or all in files; return whether numerators were filled."""
         for frame in frames:
             dtype = frame.dtype if isinstance(frame, np.ndarray) else np.uint16
             if frame.shape != self.shape or dtype not in (np.uint8, np.uint16):
@@ -396,8 +425,9 @@ class FrameSums:
         settings = SumSettings(self.labels, self.black, self.white, self.count, last)
         into = StackSums(self.sum, squares, totals, clipped, highest, *of_labels)
         watched = WatchedPixels.of(self._watched, self.shape, len(frames))
+        filled = False
         if stored:
-            _add_stored(stored, full_scale, settings, into, watched)
+            filled = _add_stored(stored, full_scale, settings, into, watched, numerators)
         else:
             if len({frame.dtype for frame in held}) > 1:
                 held = [frame.astype(np.uint16, copy=False) for frame in held]
@@ -406,8 +436,7 @@ class FrameSums:
                 numbers[:] = frame.reshape(-1)[self._watched]
             add_frames(_pixels(held), settings, into)
         if only and stored and (top := int(highest.max())) > full_scale:
-            self._add_batch(frames, top, last=True)
-            return
+            return self._add_batch(frames, top, last=True, numerators=numerators)
         if last:
             self._label_squares = of_labels
         self._frame_totals.extend(totals.sum(axis=0))
@@ -415,6 +444,7 @@ class FrameSums:
         self._clipped += clipped.sum(axis=0)
         self.highest.extend(highest.max(axis=0).tolist())
         self.count += len(frames)
+        return filled
 
     def state(self) -> dict[str, NDArray[np.integer]]:
         """Return the content of the sums as arrays by name, for `restore`.
@@ -592,17 +622,25 @@ def _pixels(frames: Sequence[_Ints]) -> FramePixels:
 
 
 def _add_stored(
-    frames: Sequence[FrameRows], full_scale: int, settings: SumSettings, into: StackSums, watched: WatchedPixels
-) -> None:
-    """Add frames that are read a few rows at a time, each thread into a buffer that stays in its cache."""
+    frames: Sequence[FrameRows],
+    full_scale: int,
+    settings: SumSettings,
+    into: StackSums,
+    watched: WatchedPixels,
+    numerators: NDArray[np.uint32],
+) -> bool:
+    """Add frames that are read a few rows at a time, each thread into a buffer that stays in its cache.
+
+    Return whether numerators were filled.
+    """
     rows, cols = frames[0].shape
     labels, black, white, before, last_frames = settings
     by_band = into[2:]
     if last_frames and not before and labels.shape[1] <= 2 and cols % 2 == 0:
         places = [frame.place for frame in frames]
         clips = LabelClips(labels, black, white)
-        if add_pairs_of_files(places, clips, full_scale, PairSums(into.sums, *by_band), watched):
-            return
+        if add_pairs_of_files(places, clips, full_scale, PairSums(into.sums, *by_band, numerators), watched):
+            return numerators.size > 0
         for part in by_band:  # a file cannot be read; the reads below tell why
             part[...] = 0
     height = max(_READ_BYTES // max(2 * len(frames) * cols, 1) // BAND, 1) * BAND
@@ -621,6 +659,7 @@ def _add_stored(
 
     with ThreadPoolExecutor(thread_count()) as threads:
         list(threads.map(add, range(0, rows, height)))
+    return False
 
 
 # Kernels of `FrameSums`: several frames per pass over each run of pixels, at about the speed of memory.

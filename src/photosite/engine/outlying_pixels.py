@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +117,73 @@ def _columns_outside(rows: I64, values: Whole, limits: Limits, cols: I64) -> Non
                     if row.dtype.type(row[c] - low[c]) > wide[c]:
                         cols[place] = c
                         place += 1
+
+
+_TOGETHER = 64
+"""Windows that are sorted at once."""
+
+
+@lru_cache(maxsize=8)
+def _comparators(n: int) -> I64:
+    """Return (m, 2) places that are compared in turn to sort n values (Knuth, The Art of Computer Programming, 5.2.2M).
+
+    Examples
+    --------
+    >>> len(_comparators(8))
+    19
+    """
+    found, p = [], 1
+    while p < n:
+        k = p
+        while k >= 1:
+            for j in range(k % p, n - k, 2 * k):
+                found += [(i, i + k) for i in range(j, min(j + k, n - k)) if i // (2 * p) == (i + k) // (2 * p)]
+            k //= 2
+        p *= 2
+    return np.array(found, np.int64).reshape(-1, 2)
+
+
+@compiled()
+def _compare(low: Whole, high: Whole) -> None:
+    for lane in range(np.uint64(low.size)):
+        a, b = low[lane], high[lane]
+        low[lane] = a if a < b else b
+        high[lane] = b if a < b else a
+
+
+@compiled()
+def _fill_ranked(
+    start: int, stop: int, values: Whole, first: I64, offsets: I64, comparators: I64, ranks: I64, out: Whole
+) -> None:
+    held = np.empty((offsets.size, _TOGETHER), values.dtype)
+    for window in range(start, stop, _TOGETHER):
+        present = min(_TOGETHER, stop - window)
+        for lane in range(_TOGETHER):
+            place = first[window + min(lane, present - 1)]
+            for k in range(np.uint64(offsets.size)):
+                held[k, lane] = values[np.uint64(place + offsets[k])]
+        for m in range(np.uint64(len(comparators))):
+            _compare(held[np.uint64(comparators[m, 0])], held[np.uint64(comparators[m, 1])])
+        for k in range(ranks.size):
+            for lane in range(present):
+                out[k, window + lane] = held[ranks[k], lane]
+
+
+def ranked(values: NDArray[Any], first: I64, offsets: I64, ranks: Sequence[int]) -> NDArray[Any]:
+    """Return (ranks, n) the values of some ranks, from 0 for the least, among those at offsets from each of n places.
+
+    `first` are places in the order of the rows. Sorting them row by row takes ten times as long.
+
+    Examples
+    --------
+    >>> ranked(np.array([5, 1, 4, 2, 3], np.uint16), np.array([0, 2]), np.array([0, 1, 2]), [0, 1]).tolist()
+    [[1, 2], [4, 3]]
+    """
+    out = np.empty((len(ranks), len(first)), values.dtype)
+    parallel_for(
+        _fill_ranked, len(first), values.reshape(-1), first, offsets, _comparators(len(offsets)), np.array(ranks), out
+    )
+    return out
 
 
 def distinct(numbers: I64) -> I64:

@@ -62,6 +62,7 @@ class PairSums(NamedTuple):
     highest: _Ints
     exact: _Ints
     spread: F64
+    numerators: _Ints  # (rows, cols) uint32: becomes n Q - S^2 of each pixel; (0, 0) if it is not wanted
 
 
 class WatchedPixels(NamedTuple):
@@ -109,8 +110,9 @@ def add_pairs_of_files(
 ) -> bool:
     """Compute the sums of all frames of a stack; return whether it was done, which is else left to the caller.
 
-    It is not where a file cannot be read, or numbers have so many bits that pairs are no gain. Where a number is above
-    full scale, all results but `highest` are wrong.
+    It is not where a file cannot be read, or numbers have so many bits that pairs are no gain; nor if numerators are
+    wanted of so many frames that sums have 32 bits. Where a number is above full scale, all results but `highest` are
+    wrong.
 
     - `places`: File descriptor and position of the first pixel of each frame; None if it is not in a file.
     - `into`: `sums` is (rows, cols) uint32, or uint16 if the sums have 16 bits; becomes the sums.
@@ -127,6 +129,8 @@ def add_pairs_of_files(
     height = min(max(_STRIP_BYTES // (row_bytes * len(known)), -(-_READ_BYTES // row_bytes)), step)
     source = _Files(files, offsets, np.zeros(1, np.int64), step, height)
     narrow = into.sums.dtype == np.uint16
+    if into.numerators.size and not narrow:
+        return False
     kernel, sums = (_read_and_add, into.sums.view(np.uint32)) if narrow else (_read_and_add_many, into.sums)
     of_pairs = into._replace(sums=sums)
 
@@ -168,7 +172,7 @@ def _read_and_add(source: _Files, _together: int, clips: LabelClips, into: PairS
 def _add_lines(lines: _Ints, rows: int, start: int, clips: LabelClips, into: PairSums) -> None:
     """Add the first rows of lines (frames, height, pairs) to those of the sums from `start` on."""
     labels, black, white = clips
-    sums, totals, clipped, highest, exact, spread = into
+    sums, totals, clipped, highest, exact, spread, numerators = into
     tile_rows, tile_cols = labels.shape
     pairs = sums.shape[1]
     # The sums of pairs, and of the squares of even and odd pixels.
@@ -191,6 +195,8 @@ def _add_lines(lines: _Ints, rows: int, start: int, clips: LabelClips, into: Pai
             for label, part in ((even, squares[0]), (odd, squares[1])):
                 exact[band, label, 0] += part[0]
                 exact[band, label, 1] += part[1]
+            if numerators.size:
+                _interleave(run, m, numerators[start + r, 2 * c :])
             _add_squares(run[_STEP : _STEP + m], rounded[0])
             _add_squares(run[2 * _STEP : 2 * _STEP + m], rounded[1])
         for lane in range(_LANES):
@@ -225,7 +231,7 @@ def _read_and_add_many(
 @compiled()
 def _add_many_lines(lines: _Ints, rows: int, start: int, together: int, clips: LabelClips, into: PairSums) -> None:
     labels, black, white = clips
-    sums, totals, clipped, highest, exact, spread = into
+    sums, totals, clipped, highest, exact, spread, _ = into
     tile_rows, tile_cols = labels.shape
     frames, pairs = lines.shape[0], lines.shape[2]
     run = np.empty(3 * _STEP, np.uint32)
@@ -314,6 +320,13 @@ def _square_pairs(run: _Ints, n: int, sums: _Ints) -> tuple[tuple[np.uint64, np.
         (_joined(q_even, q_even_high), _joined(s_even, s_even_high)),
         (_joined(q_odd, q_odd_high), _joined(s_odd, s_odd_high)),
     )
+
+
+@compiled()
+def _interleave(run: _Ints, m: int, out: _Ints) -> None:
+    for j in range(np.uint64(m)):
+        out[_TWO * j] = run[_STEP + j]
+        out[_TWO * j + _ONE] = run[_TWO_STEPS + j]
 
 
 @compiled(inline=True)

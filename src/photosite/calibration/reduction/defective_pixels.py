@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photosite.calibration.reduction.groups import GroupStatistics, reference_dark
-from photosite.engine.frame_sums import FrameSums, LabelTotals
-from photosite.engine.outlying_pixels import Limits, Surface, distinct, fill_limits, outside
+from photosite.engine.frame_sums import FrameSums, LabelTotals, PixelVariances
+from photosite.engine.outlying_pixels import Limits, Surface, distinct, fill_limits, outside, ranked
 from photosite.engine.site_planes import plane_shape
 from photosite.frames.frame_set import FrameSet
 from photosite.frames.repaired_frames import PixelReplacement
@@ -394,10 +394,11 @@ class PixelSurvey:
             self._replaced = wanted, PixelReplacement.of(bad, self.tile.shape)
         return self._replaced[1]
 
-    def add_noise(self, sums: FrameSums) -> bool:
-        """Search the temporal variances of a group, whose sums have the squares, and return whether it has more."""
+    def add_noise(self, variances: PixelVariances, frames: int) -> bool:
+        """Search the temporal variances of a group of so many frames, and return whether it has more."""
         before = np.concatenate([np.zeros(0, np.int64), *self._noisy])
-        self._noisy += self._by_part(lambda part, tile: _noisy(part, sums.count - 1, tile), sums.variance())
+        values, divisor = variances
+        self._noisy += self._by_part(lambda part, tile: _noisy(PixelVariances(part, divisor), frames - 1, tile), values)
         return bool(np.setdiff1d(np.concatenate([before, *self._noisy]), before).size)
 
     @staticmethod
@@ -529,8 +530,13 @@ def _limits(residual: _Floats, pixels: int, least: float) -> _Limits:
     return _Limits(reach(below, above) - q50, reach(above, below) + q50, q75 - q25)
 
 
-def _windows(values: NDArray[np.generic], site: tuple[int, int], tile: _Ints, r: _Ints, c: _Ints) -> NDArray[Any]:
-    """Return (n, neighbors) values at random places of the window about each pixel of a site, which stays inside."""
+def _window_ranks(
+    values: NDArray[np.generic], site: tuple[int, int], tile: _Ints, r: _Ints, c: _Ints, ranks: Sequence[int]
+) -> NDArray[Any]:
+    """Return (ranks, n) values by rank of those at random places of the window about each pixel of a site.
+
+    The window stays inside.
+    """
     u, v = np.random.default_rng(2).random((2, _NEIGHBORS))
     places = []
     for at, fractions, length in zip((r, c), (u, v), plane_shape(values.shape, site, tile.shape), strict=True):
@@ -539,7 +545,7 @@ def _windows(values: NDArray[np.generic], site: tuple[int, int], tile: _Ints, r:
         places.append((start, np.floor(fractions * size).astype(np.int64)))
     (row, down), (col, right) = places
     first = _numbers(row, col, site, values.shape, tile)
-    return np.asarray(values.reshape(-1)[first[:, None] + _numbers(down, right, (0, 0), values.shape, tile)])
+    return ranked(values, first, _numbers(down, right, (0, 0), values.shape, tile), ranks)
 
 
 def _far_from_neighbors(
@@ -555,10 +561,12 @@ def _far_from_neighbors(
     """
     distance = [np.zeros(0)]
     numbers = _numbers(*suspects, site, total.shape, tile)
+    quartiles = [part * (_NEIGHBORS - 1) for part in (0.25, 0.5, 0.75)]
+    ranks = [int(at) + k for at in quartiles for k in (0, 1)]
     for first in range(0, len(numbers), _CHUNK):
         part = slice(first, first + _CHUNK)
-        ordered = np.sort(_windows(total, site, tile, suspects[0][part], suspects[1][part]), axis=1)
-        q25, q50, q75 = (_sorted_quantile(ordered, part) for part in (0.25, 0.5, 0.75))
+        around = _window_ranks(total, site, tile, suspects[0][part], suspects[1][part], ranks).astype(np.float64)
+        q25, q50, q75 = (_between(around[2 * k], around[2 * k + 1], at % 1.0) for k, at in enumerate(quartiles))
         off = total.reshape(-1)[numbers[part]] - q50
         # The spread on the other side, which a cluster of defective pixels does not widen.
         spread = 2.0 * np.where(off > 0.0, q50 - q25, q75 - q50)
@@ -573,7 +581,10 @@ def _sorted_quantile(ordered: NDArray[Any], fraction: float) -> _Floats:
     last = ordered.shape[-1] - 1
     at = int(fraction * last)
     lower, upper = (ordered[..., min(i, last)].astype(np.float64) for i in (at, at + 1))
-    part = fraction * last - at
+    return _between(lower, upper, fraction * last - at)
+
+
+def _between(lower: _Floats, upper: _Floats, part: float) -> _Floats:
     return np.asarray(lower + part * (upper - lower) if part < 0.5 else upper - (1.0 - part) * (upper - lower))
 
 
@@ -589,17 +600,18 @@ def _apart(distance: _Floats, near: float) -> NDArray[np.bool_]:
     return np.asarray(distance > limit)
 
 
-def _noisy(variance: _Floats, freedom: int, tile: _Ints) -> Iterator[_Ints]:
+def _noisy(variances: PixelVariances, freedom: int, tile: _Ints) -> Iterator[_Ints]:
     """Yield the numbers of the pixels whose temporal variance is far above the others', by site."""
     from scipy.special import chdtri, ndtri
 
-    limits = {}
+    values, divisor = variances
+    limits, middle_ranks = {}, (_NEIGHBORS // 2 - 1, _NEIGHBORS // 2)
     for site in _sites(tile):
-        shape = plane_shape(variance.shape, site, tile.shape)
+        shape = plane_shape(values.shape, site, tile.shape)
         if min(shape) < LEAST_SIDE:
             continue
         size = shape[0] * shape[1]
-        samples = _block_samples(variance, site, tile, _blocks(shape[0]), _blocks(shape[1])).ravel()
+        samples = _block_samples(values, site, tile, _blocks(shape[0]), _blocks(shape[1])).ravel() / divisor
         q50, q90 = np.quantile(samples, [0.5, 0.9])
         # The quantiles of equal pixels, in units of the median: chi-square over the degrees of freedom
         middle, tenth, last = (float(chdtri(freedom, p)) for p in (0.5, 0.1, _NOISE_P_VALUE / size))
@@ -611,21 +623,28 @@ def _noisy(variance: _Floats, freedom: int, tile: _Ints) -> Iterator[_Ints]:
         usual = float(samples[samples <= q90].mean())
         factor = REACH * last / middle * math.exp(spread * float(-ndtri(0.1 / size)))
         limits[site] = max(float(q50), usual) * factor + LEAST_DN2, float(q50), size
-    lowest = NEAR_NOISE * min((limit for limit, _, _ in limits.values()), default=math.inf)
-    near = np.flatnonzero(variance > lowest)
-    row, col = np.divmod(near, variance.shape[1])
-    values = variance.ravel()[near]
+    if not limits:
+        return
+    lowest = NEAR_NOISE * min(limit for limit, _, _ in limits.values())
+    # Whole numbers are compared as such; those at the limit are compared below
+    least = values.dtype.type(max(lowest * divisor - 2.0, 0.0) if divisor > 1.0 else lowest)
+    near = np.flatnonzero(values > least)
+    row, col = np.divmod(near, values.shape[1])
+    found = values.reshape(-1)[near] / divisor
     for site, (limit, q50, size) in limits.items():
-        own = (row % tile.shape[0] == site[0]) & (col % tile.shape[1] == site[1]) & (values > NEAR_NOISE * limit)
+        own = (row % tile.shape[0] == site[0]) & (col % tile.shape[1] == site[1]) & (found > NEAR_NOISE * limit)
         r, c = row[own] // tile.shape[0], col[own] // tile.shape[1]
         if len(r) > MOST_DEFECTIVE * size:
             continue
         parts = [slice(first, first + _CHUNK) for first in range(0, len(r), _CHUNK)]
         around = np.concatenate(
-            [np.zeros(0), *(np.median(_windows(variance, site, tile, r[p], c[p]), axis=1) for p in parts)]
+            [
+                np.zeros(0),
+                *((_window_ranks(values, site, tile, r[p], c[p], middle_ranks) / divisor).mean(axis=0) for p in parts),
+            ]
         )
         wider = np.maximum(around / q50, 1.0) if q50 > 0.0 else 1.0
-        yield near[own][_apart(values[own] / (wider * limit), NEAR_NOISE)]
+        yield near[own][_apart(found[own] / (wider * limit), NEAR_NOISE)]
 
 
 def in_words(counts: Mapping[str, int]) -> str:

@@ -24,7 +24,7 @@ from photosite.calibration.reduction.group_screening import Screening, screen_fr
 from photosite.calibration.reduction.groups import group_label, label_tile
 from photosite.calibration.reduction.provenance import UsedFrame
 from photosite.calibration.reduction.turned_frames import MOST_COMPARED, TURNED_FRAME, how_turned, middle
-from photosite.engine.frame_sums import FrameSums, MeanFrame
+from photosite.engine.frame_sums import FrameSums, MeanFrame, PixelVariances
 from photosite.engine.lazy_maps import is_large
 from photosite.engine.outlying_pixels import distinct
 from photosite.engine.process import return_large_arrays
@@ -239,6 +239,18 @@ class FrameReader:
             self._dark_dn = sum(totals) / (len(totals) * result.sum.size)
         self.used_frames += [UsedFrame(group.frames[i], n) for i, n in zip(first.used, totals, strict=True)]
         return result
+
+    def variances(self, group: FrameGroup) -> PixelVariances:
+        """Return the variance of each pixel over the used frames of a group, which are read again."""
+        sources = self.used_sources(group)
+        opened = [each for source in sources if (each := source.open_rows()) is not None]
+        if len(sources) == len(opened) <= self._open:
+            sums = self._sums = self._sums or FrameSums(self._shape, self.tile, white=self.white)
+            numerators = sums.numerators(opened, max(self._highest[id(group)], 1))
+            if numerators is not None:
+                self._count(len(group))
+                return PixelVariances(numerators, len(opened) * (len(opened) - 1.0))
+        return PixelVariances(self.sums(group, variance=True).variance(), 1.0)
 
     def part(self, group: FrameGroup, indices: range) -> tuple[FrameSums, FirstPass]:
         """Return the sums of some frames of a group, before outlier frames are left out, instead of a first pass."""

@@ -155,14 +155,14 @@ def _find_defective_pixels(reader: FrameReader, reduction: Reduction, survey: Pi
             _with_replaced(reader, entry, survey, replacement), reference=reference
         ):
             reader.expect(entry.frames)
-            survey.add_noise(reader.sums(entry.group, variance=True))
+            survey.add_noise(reader.variances(entry.group), entry.frames)
     noisy = survey.noisy_flats(reduction.lights)
     if noisy:
         replacement = survey.replacement(survey.found())
         noisy = survey.noisy_flats([_with_replaced(reader, entry, survey, replacement) for entry in noisy])
     for entry in noisy:
         reader.expect(entry.frames)
-        if not survey.add_noise(reader.sums(entry.group, variance=True)):
+        if not survey.add_noise(reader.variances(entry.group), entry.frames):
             break  # a pixel may be still in all frames of one group
     reader.release()
     return survey.found()
