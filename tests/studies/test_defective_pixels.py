@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from photosite.studies.defective_pixels import KINDS, DefectCoverage, defect_coverage
+from photosite.studies.defective_pixels import KINDS, DefectCoverage, defect_coverage, measure_sensor
 
 
 def pooled(rows: list[DefectCoverage]) -> float:
@@ -25,3 +25,10 @@ def test_intervals_contain_the_truth() -> None:
     rows = defect_coverage(10)
     assert not any(row.refused for row in rows)
     assert 0.93 < pooled(rows) < 0.97
+
+
+@pytest.mark.parametrize("number", [13, 22, 28])
+def test_a_cluster_that_fills_half_of_a_block_is_found(number: int) -> None:
+    result = measure_sensor("dead cluster", 0.01, number)
+    assert result is not None
+    assert result[1] == (123, 0, 0)

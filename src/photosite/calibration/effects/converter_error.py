@@ -373,7 +373,7 @@ def converter_codes(densities: Sequence[Density], levels_dn: tuple[float, float]
         )
     first, second = (_fast(half, smooth)[code] for half in halves)
     noise = 0.5 * (first - second)
-    spread = np.sqrt(1.0 / total[code])
+    spread = np.sqrt(1.0 / np.maximum(total[code], 1))
     spread *= float(np.sqrt((noise**2).mean() / (spread**2).mean()))
     smooth_codes = max(2 * _reach(density.noise_dn) + 1 for density in densities)
     errors = [_summed(code, half) for half in (first, second)]
