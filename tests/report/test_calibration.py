@@ -126,7 +126,7 @@ def test_warnings_rejected_frames_and_digests(loop, read_page, tmp_path: Path) -
         *(Diagnostic("odd", "warning", text) for text in nasty),
         *(Diagnostic("odd", "left out", text) for text in rejected),
     )
-    calibration = replace(without_figures(loop.calibration), diagnostics=found, source="<i>here</i>")
+    calibration = replace(without_figures(loop.calibration), raised=found, source="<i>here</i>")
     calibration.report(path)
     page = read_page(path.read_text(encoding="utf-8"))
     for text in nasty:

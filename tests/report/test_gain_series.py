@@ -101,7 +101,7 @@ def test_warnings_rejected_frames_and_digests_of_each_setting(series: GainSeries
     """A setting's warning appears once, under its setting, and not among those of the series."""
     lamp = Diagnostic("unsteady-light", "warning", "the lamp wanders")
     found = lamp, Diagnostic("repeated-frame", "left out", "a.tif: is a copy of b.tif")
-    first = replace(series.steps[0].calibration, diagnostics=found)
+    first = replace(series.steps[0].calibration, raised=found)
     steps = (replace(series.steps[0], calibration=first), *series.steps[1:])
     own = Diagnostic("irregular-gain", "warning", "odd things happened")
     changed = replace(series, steps=steps, diagnostics=(lamp.within("gain setting 100"), own))
